@@ -1,0 +1,86 @@
+# `make run` on a fresh Debian 12 installs what is missing (apt and PyPI only) and does the first study.
+SHELL := /bin/bash
+.SHELLFLAGS := -euo pipefail -c
+.DEFAULT_GOAL := help
+MAKEFLAGS += --no-print-directory
+
+VENV := .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.installed
+STUDY := runs/flap-svk
+SYSTEM_PACKAGES := freefem++ libfreefem++ libfreefem++-dev libopenblas0-pthread
+
+.PHONY: help setup system run test verify bench lint
+
+help:
+	@echo "make setup   install what is missing: FreeFEM (apt) and the Python environment in $(VENV)"
+	@echo "make run     the flap study: a sweep over the inflow velocity, and its report"
+	@echo "make test    unit tests and small real runs"
+	@echo "make verify  the published values (long)"
+	@echo "make bench   the timings"
+	@echo "make lint    ruff and mypy"
+
+setup: system $(STAMP)
+
+run: setup
+	@$(BIN)/ffsi sweep flap-svk --vary inflow.mean_velocity=0.012:0.12:0.012 --out $(STUDY)
+	@$(BIN)/ffsi report $(STUDY) -o $(STUDY)/report.html
+
+test: setup
+	@$(BIN)/python -m pytest tests/unit tests/freefem
+
+verify: setup
+	@$(BIN)/python -m pytest tests/verification -s
+
+bench: setup
+	@$(BIN)/ffsi bench
+
+lint: setup
+	@$(BIN)/ruff check ffsi tests
+	@$(BIN)/ruff format --check ffsi tests
+	@$(BIN)/mypy
+
+# Installs packages only when some are missing. Elsewhere than on Debian, `ffsi doctor` says what FreeFEM lacks.
+define APT_INSTALL
+apt_install() { \
+  local missing=(); \
+  for package in "$$@"; do \
+    [[ "$$(dpkg-query -W -f='$${Status}' "$$package" 2>/dev/null)" == "install ok installed" ]] || missing+=("$$package"); \
+  done; \
+  (( $${#missing[@]} )) || return 0; \
+  local root=(); \
+  if (( EUID != 0 )); then \
+    command -v sudo >/dev/null || { echo "As root: apt-get install --no-install-recommends $${missing[*]}" >&2; return 1; }; \
+    root=(sudo); \
+  fi; \
+  echo "Installing $${missing[*]}"; \
+  local install=("$${root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get install -qq -y --no-install-recommends "$${missing[@]}"); \
+  "$${install[@]}" >/dev/null 2>&1 || { "$${root[@]}" apt-get update -qq; "$${install[@]}" >/dev/null; }; \
+}
+endef
+
+system:
+	@command -v apt-get >/dev/null || exit 0; $(APT_INSTALL); apt_install $(SYSTEM_PACKAGES)
+
+# A python3 (pyenv's too) that is 3.11 or newer and can make virtual environments; else Debian's with its venv package.
+define NEW_VENV
+usable() { "$$1" -c 'import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))' >/dev/null 2>&1; }; \
+find_python() { \
+  for python in python3.11 python3 python3.12 python3.13 /usr/bin/python3; do \
+    if usable "$$python"; then echo "$$python"; return 0; fi; \
+  done; \
+  return 1; \
+}; \
+if ! python=$$(find_python); then \
+  if command -v apt-get >/dev/null; then apt_install python3 python3-venv; fi; \
+  python=$$(find_python) || { echo "Python 3.11 or newer with the module venv is needed." >&2; exit 1; }; \
+fi; \
+echo "Creating $(VENV) with $$("$$python" --version)"; \
+"$$python" -m venv --clear $(VENV)
+endef
+
+$(STAMP): pyproject.toml | system
+	@$(APT_INSTALL); if ! $(BIN)/python -m pip --version >/dev/null 2>&1; then $(NEW_VENV); fi
+	@echo "Installing the Python packages into $(VENV)"
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
+	@touch $(STAMP)

@@ -1,0 +1,277 @@
+"""The command line.
+
+Exit codes: 0 solved and checked, 1 check failed, 2 bad input, 3 not converged, 4 FreeFEM missing or crashed.
+"""
+
+from __future__ import annotations
+
+import importlib
+import logging
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ffsi import folder, show
+from ffsi.folder import InputError
+from ffsi.freefem import FreeFEMError, FreeFEMNotFound
+from ffsi.rawfiles import RawFileError
+from ffsi.result import Result, load_results
+from ffsi.scene import SceneError, load_scene
+
+CHECK_FAILED, BAD_INPUT, NOT_CONVERGED, NO_FREEFEM = 1, 2, 3, 4
+EXIT_OF = {
+    "": 0,
+    "check": CHECK_FAILED,
+    "not-converged": NOT_CONVERGED,
+    "not-reached": NOT_CONVERGED,
+    "crash": NO_FREEFEM,
+}
+
+app = typer.Typer(
+    name="ffsi",
+    help="Strongly coupled fluid-structure interaction in 2D with FreeFEM: solve, check, study, report.",
+    epilog="Exit codes: 0 solved and checked, 1 the independent check failed, 2 bad input, 3 not converged (partial "
+    "results are kept), 4 FreeFEM missing or crashed.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+Case = Annotated[
+    str, typer.Argument(metavar="CASE|scene.toml", help="A case of `ffsi cases`, or a scene file.", show_default=False)
+]
+Settings = Annotated[
+    list[str],
+    typer.Option("--set", metavar="KEY=VALUE", help="Change a value of the scene; repeatable.", show_default=False),
+]
+AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON on stdout, and nothing else there.")]
+NoCheck = Annotated[bool, typer.Option("--no-check", help="Skip the independent reference check.")]
+Threads = Annotated[int, typer.Option("--threads", min=1, help="Threads of the linear algebra.")]
+
+
+@app.command()
+def cases(json: AsJson = False) -> None:
+    """List the cases of the catalogue."""
+    entries = show.catalogue()
+    if json:
+        sys.stdout.write(folder.to_json(entries))
+    else:
+        show.cases(entries)
+
+
+@app.command()
+def run(
+    case: Case,
+    settings: Settings = [],  # noqa: B006
+    out: Annotated[Path | None, typer.Option("--out", help="The run folder.", show_default="runs/CASE")] = None,
+    json: AsJson = False,
+    no_check: NoCheck = False,
+    threads: Threads = 1,
+) -> None:
+    """Solve one case and check it.
+
+    Exit codes: 0 solved and checked, 1 the check failed, 2 bad input, 3 not converged (partial results are kept),
+    4 FreeFEM missing or crashed.
+    """
+    from ffsi.run import solve
+
+    scene = load_scene(case, settings)
+    directory = out or Path("runs") / scene.name
+    folder.check_usable(directory)
+    try:
+        with show.progress(scene.name) as on_event:
+            result = solve(scene, directory, check=not no_check, on_event=on_event, threads=threads)
+    except FreeFEMError as error:
+        if json:
+            sys.stdout.write(_crash_json(directory, scene.name, error))
+        raise
+    if json:
+        sys.stdout.write(folder.to_json(result.data))
+    else:
+        show.result(result)
+    _finish([result], directory)
+
+
+@app.command()
+def render(
+    case: Case,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", help="Write the script here instead of stdout.", show_default=False)
+    ] = None,
+    settings: Settings = [],  # noqa: B006
+) -> None:
+    """Write the FreeFEM script of a case."""
+    from ffsi.render import render as render_script
+
+    scene = load_scene(case, settings)
+    if output is not None:
+        _check_output(output)
+    text = render_script(scene)
+    if output is None:
+        sys.stdout.write(text)
+    else:
+        folder.write_text(output, text)
+
+
+@app.command()
+def sweep(
+    case: Case,
+    vary: Annotated[
+        list[str],
+        typer.Option(
+            "--vary",
+            metavar="KEY=START:STOP:STEP|A,B,C",
+            help="A parameter and its values; repeatable.",
+            show_default=False,
+        ),
+    ],
+    out: Annotated[
+        Path, typer.Option("--out", help="The sweep's folder; a second call resumes it.", show_default=False)
+    ],
+    settings: Settings = [],  # noqa: B006
+    jobs: Annotated[
+        int | None, typer.Option("--jobs", min=1, help="FreeFEM processes at a time.", show_default="1")
+    ] = None,
+    dask: Annotated[
+        str | None,
+        typer.Option("--dask", metavar="ADDRESS", help="Dask scheduler instead of --jobs.", show_default=False),
+    ] = None,
+    json: AsJson = False,
+    no_check: NoCheck = False,
+) -> None:
+    """Solve a case for many values of its parameters into one table, sweep.csv."""
+    from ffsi import study
+
+    if jobs is not None and dask is not None:
+        raise InputError("give either --jobs or --dask, not both")
+    scene = load_scene(case, settings)
+    varied = study.parse_all(vary)
+    try:
+        with show.progress(scene.name, len(study.points(varied))) as on_event:
+            table = study.sweep(scene, varied, out, jobs=jobs or 1, dask=dask, check=not no_check, on_event=on_event)
+    except KeyboardInterrupt:
+        show.note(f"interrupted; the same call goes on with what is missing in {out}")
+        raise
+    if json:
+        sys.stdout.write(table.to_json(orient="records", indent=2) + "\n")
+    else:
+        show.sweep(table, list(varied), out)
+    failures = sorted({str(item) for item in table["failure"]})
+    for name in failures:
+        if name:
+            count = int((table["failure"] == name).sum())
+            show.error(f"{count} of {len(table)} points: {name}; see the column reason of {out / study.TABLE}")
+    raise typer.Exit(_worst(failures))
+
+
+@app.command()
+def check(
+    directory: Annotated[Path, typer.Argument(metavar="DIR", help="A run folder or a sweep.", show_default=False)],
+    json: AsJson = False,
+) -> None:
+    """Run the independent checker on results that are already there.
+
+    Exit codes: 0 passed, 1 failed, 2 bad input, 3 nothing converged there.
+    """
+    from ffsi.reference import check_run
+
+    solved = [result for result in load_results(directory) if result.solved]
+    if not solved:
+        show.error(f"{directory} holds no converged point, there is nothing to check")
+        raise typer.Exit(NOT_CONVERGED)
+    reports = [(result, check_run(result.directory, result.scene, point=result.point)) for result in solved]
+    if json:
+        sys.stdout.write(
+            folder.to_json({"passed": all(report.passed for _, report in reports), "points": show.check_rows(reports)})
+        )
+    else:
+        show.checks(reports)
+    for result, report in reports:
+        for failure in report.failures:
+            show.error(f"{result.directory}, point {result.point}: {failure}")
+    raise typer.Exit(0 if all(report.passed for _, report in reports) else CHECK_FAILED)
+
+
+@app.command()
+def report(
+    directories: Annotated[
+        list[Path], typer.Argument(metavar="DIR...", help="Run folders and sweeps.", show_default=False)
+    ],
+    output: Annotated[Path, typer.Option("-o", "--output", help="The HTML file.")] = Path("report.html"),
+) -> None:
+    """Write one self-contained HTML report."""
+    from ffsi.report import write_report
+
+    _check_output(output)
+    write_report(directories, output)
+    show.note(f"wrote {output}")
+
+
+@app.command()
+def bench(
+    case: Annotated[str, typer.Option("--case", help="The case to measure.")] = "turek-fsi1",
+    levels: Annotated[str, typer.Option("--levels", help="Mesh levels, separated by commas.")] = "0,1,2,3,4",
+) -> None:
+    """Measure assembly, factorisation and solution over the mesh levels."""
+    load_scene(case, [])
+    try:
+        numbers = [int(item) for item in levels.split(",")]
+    except ValueError:
+        raise InputError(f"--levels takes integers separated by commas such as 0,1,2, not {levels!r}") from None
+    if min(numbers) < 0 or max(numbers) > 4:
+        raise InputError(f"--levels: mesh levels go from 0 to 4, not {levels!r}")
+    importlib.import_module("ffsi.bench").main(numbers, case)
+
+
+@app.command()
+def doctor() -> None:
+    """Look for FreeFEM and everything else that a run needs. Exit code 0, or 4 if something is missing."""
+    raise typer.Exit(0 if show.doctor() else NO_FREEFEM)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the command line; always ends in SystemExit."""
+    logging.getLogger("ffsi.run").addHandler(logging.NullHandler())  # its failures are printed here
+    try:
+        app(args=list(arguments) if arguments is not None else None, prog_name="ffsi")
+    except (SceneError, InputError, RawFileError) as error:
+        show.error(str(error))
+        sys.exit(BAD_INPUT)
+    except (FreeFEMNotFound, FreeFEMError) as error:
+        show.error(str(error))
+        sys.exit(BAD_INPUT if error.kind == "bad-input" else NO_FREEFEM)
+    except OSError as error:
+        show.error(f"{error.filename or ''}: {error.strerror or error}".removeprefix(": "))
+        sys.exit(BAD_INPUT)
+
+
+def _finish(results: Sequence[Result], directory: Path) -> None:
+    for result in results:
+        if not result.converged:
+            show.error(f"{result.reason}; what there is lies in {directory}")
+    raise typer.Exit(_worst([result.failure for result in results]))
+
+
+def _worst(failures: Sequence[str]) -> int:
+    codes = {EXIT_OF[failure] for failure in failures}
+    return next((code for code in (NO_FREEFEM, NOT_CONVERGED, CHECK_FAILED) if code in codes), 0)
+
+
+def _check_output(path: Path) -> None:
+    if path.is_dir():
+        raise InputError(f"{path} is a folder; -o takes the name of a file")
+    if not path.parent.is_dir():
+        raise InputError(f"{path.parent} does not exist; make that folder first")
+
+
+def _crash_json(directory: Path, name: str, error: Exception) -> str:
+    """Return what the run left behind, unless that is an earlier run's result."""
+    path = directory / folder.RESULT
+    data = folder.read_json(path) if path.is_file() else {}
+    if data.get("failure") != "crash":
+        data = {"case": name, "status": "failed", "reason": str(error)}
+    return folder.to_json(data)

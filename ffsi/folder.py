@@ -1,0 +1,138 @@
+"""Names and upkeep of a run folder (see docs/formats.md): what is ours, and files that are either whole or absent."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+SCRIPT = "case.edp"
+SCENE = "scene.toml"
+LOG = "freefem.log"
+RESULT = "result.json"
+CHAIN = "chain.json"
+POINTS = "points.txt"
+HISTORY = "newton.csv"
+MESH = "mesh.bin"
+SWEEP = "sweep.toml"
+FAILED = "failed.json"
+FAILED_STATE = "failed.bin"
+PICTURES = ("velocity", "pressure", "displacement")
+
+_OURS = (
+    SCRIPT,
+    SCENE,
+    LOG,
+    RESULT,
+    "result-*.json",
+    CHAIN,
+    POINTS,
+    HISTORY,
+    MESH,
+    FAILED,
+    FAILED_STATE,
+    "point-*.json",
+    "point-*.bin",
+    "fields*.vtu",
+    *(f"{name}*.png" for name in PICTURES),
+)
+
+
+class InputError(ValueError):
+    """Something the user gave cannot be used (a folder, a range of values, ...): exit code 2 of the command line."""
+
+
+def numbered(name: str, point: int) -> str:
+    """Return `result-0007.json` for `result.json` and point 7."""
+    stem, dot, ending = name.partition(".")
+    return f"{stem}-{point:04d}{dot}{ending}"
+
+
+def is_run_folder(directory: Path) -> bool:
+    """Tell whether `directory` holds a run that ffsi has started."""
+    return (directory / SCENE).is_file() and ((directory / SCRIPT).is_file() or (directory / RESULT).is_file())
+
+
+def is_sweep_folder(directory: Path) -> bool:
+    """Tell whether `directory` holds a sweep."""
+    return (directory / SWEEP).is_file()
+
+
+def check_usable(directory: Path) -> None:
+    """Refuse a folder that a run must not write into; writes nothing.
+
+    Raises:
+        InputError: `directory` is a file, a sweep, or a non-empty folder that is no run folder of ours.
+    """
+    if not directory.exists():
+        return
+    if not directory.is_dir():
+        raise InputError(f"{directory} is a file; the results need a folder")
+    if is_sweep_folder(directory):
+        raise InputError(f"{directory} holds a sweep; give another folder for a single run")
+    if any(directory.iterdir()) and not is_run_folder(directory):
+        raise InputError(
+            f"{directory} is not empty and is no run folder of ffsi; nothing was written. Give another folder"
+        )
+
+
+def prepare(directory: Path) -> None:
+    """Create `directory`, or empty it of an earlier run's files (other files stay).
+
+    Raises:
+        InputError: as `check_usable`.
+    """
+    check_usable(directory)
+    directory.mkdir(parents=True, exist_ok=True)
+    for pattern in _OURS:
+        for path in directory.glob(pattern):
+            path.unlink()
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write `text` so that `path` holds either all of it or what it held before."""
+    partial = path.with_name(f".{path.name}.{os.getpid()}.part")
+    partial.write_text(text, encoding="utf-8")
+    partial.replace(path)
+
+
+def to_json(data: Any) -> str:
+    """Return strict JSON: numbers that are not finite become null."""
+    return json.dumps(_plain(data), indent=2, allow_nan=False) + "\n"
+
+
+def write_json(path: Path, data: Mapping[str, Any]) -> None:
+    """Write `data` as JSON, atomically."""
+    write_text(path, to_json(data))
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """Read a JSON object.
+
+    Raises:
+        InputError: the file is missing, damaged or holds no object.
+    """
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"cannot read {path}: {error.strerror}") from error
+    except ValueError as error:
+        raise InputError(f"{path} is no valid JSON: {error}") from error
+    if not isinstance(data, dict):
+        raise InputError(f"{path} holds no JSON object")
+    return data
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    if hasattr(value, "item"):  # numpy scalar
+        value = value.item()
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value

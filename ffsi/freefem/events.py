@@ -1,0 +1,75 @@
+"""The lines that a rendered script writes for Python: `@ffsi KIND key=value ... text=rest of the line`."""
+
+import re
+from dataclasses import dataclass, field
+
+MARK = "@ffsi"
+
+_INTEGER = re.compile(r"[+-]?\d+\Z")
+_REAL = re.compile(r"[+-]?(?:\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+(?:[eE][+-]?\d+)?|nan|inf)\Z")
+
+Value = int | float | str
+
+
+@dataclass(frozen=True)
+class Event:
+    """One progress line.
+
+    `kind` is the word after the mark (`newton`, `mesh`, `point`, `warning`, `failed`, `bad-input`, `end`, ...),
+    `fields` its key=value pairs with numbers converted, `text` the free text at the end of the line.
+    """
+
+    kind: str
+    fields: dict[str, Value] = field(default_factory=dict)
+    text: str = ""
+
+    def integer(self, key: str, default: int = 0) -> int:
+        """The field as an int; `default` when it is absent or no whole number."""
+        value = self.fields.get(key, default)
+        return value if isinstance(value, int) else default
+
+    def number(self, key: str, default: float = float("nan")) -> float:
+        """The field as a float; `default` when it is absent or no number."""
+        value = self.fields.get(key, default)
+        return default if isinstance(value, str) else float(value)
+
+    def word(self, key: str, default: str = "") -> str:
+        """The field as text; `default` when it is absent."""
+        return str(self.fields.get(key, default))
+
+
+def parse_event(line: str) -> Event | None:
+    """Read one line of output.
+
+    Returns None for a line that does not start with `@ffsi`.
+    Raises ValueError for a marked line that breaks the format: no kind, or a field without `=`.
+    """
+    mark, _, rest = line.strip().partition(" ")
+    if mark != MARK:
+        return None
+    head, found, text = _split_text(rest)
+    words = head.split()
+    if not words or "=" in words[0]:
+        raise ValueError(f"a progress line without a kind: {line!r}")
+    fields: dict[str, Value] = {}
+    for word in words[1:]:
+        key, equals, value = word.partition("=")
+        if not key or not equals:
+            raise ValueError(f"{word!r} is not key=value in the progress line {line!r}")
+        fields[key] = _convert(value)
+    return Event(words[0], fields, text.strip() if found else "")
+
+
+def _split_text(rest: str) -> tuple[str, bool, str]:
+    match = re.search(r"(?:^|\s)text=", rest)
+    if match is None:
+        return rest, False, ""
+    return rest[: match.start()], True, rest[match.end() :]
+
+
+def _convert(value: str) -> Value:
+    if _INTEGER.match(value):
+        return int(value)
+    if _REAL.match(value):
+        return float(value)
+    return value

@@ -1,0 +1,119 @@
+"""The live progress line of a run or a sweep, on stderr and only where that is a terminal."""
+
+import sys
+import threading
+import time
+from collections.abc import Callable
+from types import TracebackType
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+from ffsi.freefem.events import Event
+
+__all__ = ["Event", "ProgressDisplay"]
+
+
+class ProgressDisplay:
+    """Shows case, sweep point, Newton iteration, residual, time elapsed and time left.
+
+    A context manager that is itself the callback: `with ProgressDisplay() as show: run_script(..., on_event=show)`.
+    Calls may come from several threads. `points` is the number of points of the whole sweep when it is split over
+    several processes; without it, the `points=` of the events counts.
+    """
+
+    def __init__(
+        self, case: str = "", points: int | None = None, *, console: Console | None = None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:  # fmt: skip
+        """Prepare a display; nothing is drawn before `with`, and nothing at all when the console is no terminal."""
+        self.case = case
+        self.finished = 0
+        self._whole = points
+        self._points = points or 1
+        self._detail = ""
+        self._clock = clock
+        self._begin = clock()
+        self._lock = threading.Lock()
+        self._progress = Progress(
+            SpinnerColumn(), TextColumn("{task.description}"), BarColumn(bar_width=20),
+            TextColumn("{task.fields[state]}"), TimeElapsedColumn(), TextColumn("{task.fields[left]}"),
+            console=console or Console(stderr=True), transient=True, redirect_stdout=False,
+            disable=not (console.is_terminal if console else sys.stderr.isatty()),
+        )  # fmt: skip
+        self._task = self._progress.add_task(case, total=None, state="", left="")
+
+    def __enter__(self) -> "ProgressDisplay":
+        """Start to draw."""
+        self._begin = self._clock()
+        self._progress.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Wipe the line."""
+        self._progress.stop()
+
+    def __call__(self, event: Event) -> None:
+        """Take one event; kinds that say nothing about progress are ignored."""
+        with self._lock:
+            match event.kind:
+                case "start":
+                    self.case = self.case or event.word("case")
+                case "mesh":
+                    self._detail = _mesh(event)
+                case "newton":
+                    self._points = self._whole or max(event.integer("points", 1), 1)
+                    self._detail = _newton(event, self._points if self._whole is None else 1)
+                case "point":
+                    self._points = self._whole or max(event.integer("points", 1), 1)
+                    self.finished = min(self.finished + 1, self._points)
+                case _:
+                    return
+            self._draw()
+
+    @property
+    def state(self) -> str:
+        """What the line says between the bar and the times."""
+        count = f"{self.finished}/{self._points} done" if self._points > 1 else ""
+        return " · ".join(part for part in (count, self._detail) if part)
+
+    @property
+    def seconds_left(self) -> float | None:
+        """Estimated from the finished points; None when there is nothing to estimate from."""
+        if self._points <= 1 or self.finished == 0:
+            return None
+        return (self._clock() - self._begin) * (self._points - self.finished) / self.finished
+
+    def _draw(self) -> None:
+        left = self.seconds_left
+        total = self._points if self._points > 1 else None
+        self._progress.update(
+            self._task, description=self.case, completed=self.finished, total=total, state=self.state,
+            left="" if left is None else f"about {_duration(left)} left",
+        )  # fmt: skip
+
+
+def _mesh(event: Event) -> str:
+    stage = f"mesh {event.integer('stage')}/{event.integer('stages')}" if event.integer("stages") > 1 else "mesh"
+    unknowns = event.integer("unknowns")
+    return f"{stage}, {unknowns} unknowns" if unknowns else stage
+
+
+def _newton(event: Event, points: int) -> str:
+    parts = [f"point {event.integer('point')}/{points}"] if points > 1 else []
+    if event.integer("stages") > 1:
+        parts.append(f"mesh {event.integer('stage')}/{event.integer('stages')}")
+    load = event.number("load", 1.0)
+    if load < 1:
+        parts.append(f"load {load:.3g}")
+    parts.append(f"Newton {event.integer('iteration')}")
+    parts.append(f"residual {event.number('residual'):.1e}")
+    return " · ".join(parts)
+
+
+def _duration(seconds: float) -> str:
+    whole = round(seconds)
+    hours, minutes = whole // 3600, whole // 60 % 60
+    return f"{hours}:{minutes:02d}:{whole % 60:02d}" if hours else f"{minutes}:{whole % 60:02d}"

@@ -1,0 +1,90 @@
+"""Force of the fluid on body parts, as a surface integral and from the residual (docs/discretisation.md, "Forces")."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ffsi.rawfiles import Floats, RawState
+from ffsi.reference import terms
+from ffsi.reference.elements import barycentric, gauss_rule, line_basis, p2_basis, p2_gradients, side_points
+from ffsi.reference.residual import Residual
+from ffsi.reference.system import FluidPart, Sides, System
+
+
+@dataclass(frozen=True)
+class Force:
+    """Force (2,) in newtons per metre depth of the fluid on a part, in its two forms."""
+
+    surface: Floats
+    residual: Floats
+
+
+@dataclass(frozen=True)
+class Forces:
+    """Forces on each named part and on all of them together; ``total`` is None where nothing wet has a part."""
+
+    parts: dict[str, Force]
+    total: Force | None
+
+
+def compute_forces(system: System, state: RawState, residual: Residual) -> Forces:
+    """Compute the forces of ``state`` on every part that touches the fluid; ``residual`` is that of the same state.
+
+    The force on all parts is computed for the union of their labels, since neighbouring parts share a node.
+    """
+    fluid = system.fluid
+    if fluid is None:
+        return Forces({}, None)
+    wet = {name: labels for name, labels in system.problem.parts().items() if np.isin(fluid.sides.label, labels).any()}
+    if not wet:
+        return Forces({}, None)
+    union = [label for labels in wet.values() for label in labels]
+    parts = {name: _force(fluid, state, residual, labels) for name, labels in wet.items()}
+    return Forces(parts, _force(fluid, state, residual, union))
+
+
+def coefficient_scale(system: System) -> float | None:
+    """Force of coefficient one, rho U^2 L / 2 in newtons per metre depth; None where the scene lacks U or L."""
+    problem = system.problem
+    if problem.fluid is None or not problem.mean_velocity or not problem.reference_length:
+        return None
+    return 0.5 * problem.fluid.density * problem.mean_velocity**2 * problem.reference_length
+
+
+def _force(fluid: FluidPart, state: RawState, residual: Residual, labels: Sequence[int]) -> Force:
+    sides = fluid.sides
+    on_part = np.isin(sides.label, labels)
+    part = sides.select(on_part)
+    phi = np.zeros(len(state.u))
+    phi[part.nodes] = 1.0
+    touching = phi[sides.nodes].any(axis=1)
+    rest = sides.select(touching & ~on_part)
+    phi_rest = phi[rest.nodes] @ line_basis(gauss_rule()[0])[0].T
+    carried = np.einsum("nqi,nq->i", side_forces(fluid, rest, state), phi_rest)
+    return Force(
+        surface=-side_forces(fluid, part, state).sum(axis=(0, 1)),
+        residual=-(phi @ residual.fluid_force - carried),
+    )
+
+
+def side_forces(fluid: FluidPart, sides: Sides, state: RawState) -> Floats:
+    """P_f N dS at the five Gauss points of each side, weights included, (n, 5, 2) newtons per metre depth.
+
+    P_f is taken from the fluid triangle of the side; N points out of the fluid.
+    """
+    elements = fluid.elements
+    parameters, weights = gauss_rule()
+    points = side_points(parameters)
+    flat = points.reshape(-1, 2)
+    shape = points.shape[:2]
+    slopes = p2_gradients(flat).reshape(*shape, 6, 2)[sides.side]
+    gradients = np.einsum("nqak,nkj->nqaj", slopes, elements.inverse[sides.element], optimize=True)
+    nodes, vertices = elements.nodes[sides.element], elements.vertices[sides.element]
+    u, v, p = state.u[nodes], state.v[nodes], state.p[vertices]
+    velocity = p2_basis(flat).reshape(*shape, 6)[sides.side] @ v
+    pressure = np.einsum("nqa,na->nq", barycentric(flat).reshape(*shape, 3)[sides.side], p)
+    flow = terms.Flow.evaluate(gradients, velocity, pressure, u, v)
+    stress = flow.pressure_flux + flow.viscous_flux(fluid.law.viscosity)
+    result: Floats = np.einsum("nqij,nj,q->nqi", stress, sides.normal, weights)
+    return result

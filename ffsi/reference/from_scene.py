@@ -1,0 +1,60 @@
+"""Translation of a scene into the checker's problem."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ffsi.rawfiles import Floats
+from ffsi.reference.materials import Material, StVenantKirchhoff
+from ffsi.reference.problem import FLUID_REGION, Boundary, Fluid, MeshMotion, Problem, Solid
+from ffsi.scene import Scene, boundaries
+
+# Scripts may write their parameters with fewer digits than they compute with.
+_SAME = 1e-9
+
+
+def problem_from_scene(scene: Scene) -> Problem:
+    """Return the problem that a scene describes, in SI units.
+
+    Raises ``ValueError`` if the scene has something that the checker does not know, such as a new material.
+    """
+    profile = scene.inflow_profile() if scene.inflow is not None else None
+
+    def inflow_profile(y: Floats) -> Floats:
+        # A profile may be a constant; nodes need one value each.
+        return np.broadcast_to(np.asarray(profile(y) if profile else 0.0, dtype=np.float64), y.shape)
+
+    motion = scene.mesh_motion
+    return Problem(
+        name=scene.name,
+        fluid=Fluid(scene.fluid.density, scene.fluid.viscosity) if scene.fluid else None,
+        boundaries=tuple(Boundary(b.name, b.label, b.role, b.part, b.circle) for b in boundaries(scene)),
+        solids={
+            region: Solid(solid.density, _material(name, solid))
+            for region, (name, solid) in enumerate(scene.solid.items(), start=FLUID_REGION + 1)
+        },
+        gravity=(scene.gravity.x, scene.gravity.y) if scene.gravity else (0.0, 0.0),
+        outlet=scene.outlet.kind if scene.outlet else None,
+        mesh_motion=MeshMotion(motion.stiffness_exponent, motion.divergence_weight) if motion else None,
+        inflow_profile=inflow_profile if profile else None,
+        mean_velocity=scene.inflow.mean_velocity if scene.inflow else None,
+        reference_length=scene.forces.reference_length if scene.forces else None,
+    )
+
+
+def _material(name: str, solid: Any) -> Material:
+    if solid.material == "st-venant-kirchhoff":
+        return StVenantKirchhoff(*solid.lame)
+    raise ValueError(f"solid.{name}: the reference checker does not know the material {solid.material!r}")
+
+
+def refuse_other_parameters(scene: Scene, used: Mapping[str, float]) -> None:
+    """Raise ``ValueError`` if a run used other values, by dotted key, than the scene holds."""
+    expected = scene.parameters()
+    for key in used.keys() & expected.keys():
+        if not abs(used[key] - expected[key]) <= _SAME * abs(expected[key]):
+            raise ValueError(
+                f"{scene.name}: the run used {key} = {used[key]!r} but the scene says {expected[key]!r}; "
+                "check it with a scene that holds the values of the run"
+            )

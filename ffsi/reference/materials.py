@@ -1,0 +1,98 @@
+"""Elastic materials, each from its strain energy per reference area W(F) in plane strain.
+
+The argument everywhere is the displacement gradient H = F - I, not F: near rest F^T F - I loses all digits of a small
+strain, H + H^T + H^T H does not. A new material is one subclass of ``Material``: ``energy``, its derivative
+``first_piola``, and ``stiffness``. All formulas are analytic in H, so that a complex step passes through them.
+"""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+# Real values, or complex ones where a complex step differentiates the residual.
+Array = NDArray[Any]
+
+IDENTITY = np.eye(2)
+
+
+def trace(tensor: Array) -> Array:
+    """Trace over the last two axes, (..., 2, 2) to (...)."""
+    total: Array = tensor[..., 0, 0] + tensor[..., 1, 1]
+    return total
+
+
+def double_dot(first: Array, second: Array) -> Array:
+    """Product a_ij b_ij over the last two axes, without conjugation, (..., 2, 2) to (...)."""
+    product: Array = np.einsum("...ij,...ij->...", first, second)
+    return product
+
+
+def transpose(tensor: Array) -> Array:
+    """Swap the last two axes."""
+    return np.swapaxes(tensor, -1, -2)
+
+
+def cofactor(tensor: Array) -> Array:
+    """Cofactor matrix det(F) F^-T of (..., 2, 2) tensors."""
+    result = np.empty_like(tensor)
+    result[..., 0, 0], result[..., 0, 1] = tensor[..., 1, 1], -tensor[..., 1, 0]
+    result[..., 1, 0], result[..., 1, 1] = -tensor[..., 0, 1], tensor[..., 0, 0]
+    return result
+
+
+def determinant(tensor: Array) -> Array:
+    """Determinant of (..., 2, 2) tensors."""
+    result: Array = tensor[..., 0, 0] * tensor[..., 1, 1] - tensor[..., 0, 1] * tensor[..., 1, 0]
+    return result
+
+
+class Material(ABC):
+    """A hyperelastic law; tensors are (..., 2, 2), energies and moduli in pascals."""
+
+    @abstractmethod
+    def energy(self, gradient: Array) -> Array:
+        """Strain energy per reference area, (...), of the displacement gradient (..., 2, 2)."""
+
+    @abstractmethod
+    def first_piola(self, gradient: Array) -> Array:
+        """First Piola-Kirchhoff stress dW/dF, (..., 2, 2), of the displacement gradient."""
+
+    @property
+    @abstractmethod
+    def stiffness(self) -> float:
+        """P-wave modulus at rest, which measures rounding errors of the stress."""
+
+
+@dataclass(frozen=True)
+class StVenantKirchhoff(Material):
+    """St. Venant-Kirchhoff in plane strain, W = lambda/2 (tr E)^2 + mu tr E^2.
+
+    With the invariants i1 = tr(C - I) = 2 tr E and tr (C - I)^2 = 4 tr E^2 of the right Cauchy-Green tensor C, the
+    energy is W = lambda/8 i1^2 + mu/4 tr (C - I)^2. Since d(i1) = 2 F : dF and d(tr (C - I)^2) = 4 F (C - I) : dF with
+    F (C - I) = (b - I) F, its derivative is P = [lambda/2 i1 I + mu (b - I)] F with the left Cauchy-Green tensor
+    b = F F^T.
+    """
+
+    lame_lambda: float
+    lame_mu: float
+
+    def energy(self, gradient: Array) -> Array:
+        """Strain energy from the invariants of C - I."""
+        strain = gradient + transpose(gradient) + transpose(gradient) @ gradient
+        result: Array = self.lame_lambda / 8.0 * trace(strain) ** 2 + self.lame_mu / 4.0 * double_dot(strain, strain)
+        return result
+
+    def first_piola(self, gradient: Array) -> Array:
+        """Stress from the left Cauchy-Green tensor; tr(b - I) = tr(C - I)."""
+        left = gradient + transpose(gradient) + gradient @ transpose(gradient)
+        inner = self.lame_mu * left + 0.5 * self.lame_lambda * trace(left)[..., None, None] * IDENTITY
+        result: Array = inner @ (IDENTITY + gradient)
+        return result
+
+    @property
+    def stiffness(self) -> float:
+        """Return lambda + 2 mu."""
+        return self.lame_lambda + 2.0 * self.lame_mu

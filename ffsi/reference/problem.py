@@ -1,0 +1,99 @@
+"""What the checker must know of a scene: plain numbers in SI units, no files and no unit strings."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Literal, get_args
+
+from ffsi.rawfiles import Floats
+from ffsi.reference.materials import Material
+
+Role = Literal["inlet", "outlet", "no-slip", "interface", "clamped", "free"]
+OutletKind = Literal["do-nothing", "zero-traction"]
+FLUID_REGION = 1
+
+
+@dataclass(frozen=True)
+class Fluid:
+    """A Newtonian fluid: ``density`` kg/m3, dynamic ``viscosity`` Pa s."""
+
+    density: float
+    viscosity: float
+
+
+@dataclass(frozen=True)
+class Solid:
+    """An elastic solid: reference ``density`` kg/m3 and its material."""
+
+    density: float
+    material: Material
+
+
+@dataclass(frozen=True)
+class MeshMotion:
+    """Mesh motion in the fluid: exponent m of the stiffness (A_max/A_K)^m and weight beta of the divergence term."""
+
+    stiffness_exponent: float
+    divergence_weight: float
+
+
+@dataclass(frozen=True)
+class Boundary:
+    """Edges of one label: their role, the body part they belong to, and the circle (cx, cy, r) they approximate."""
+
+    name: str
+    label: int
+    role: Role
+    part: str | None = None
+    circle: tuple[float, float, float] | None = None
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One steady fluid-structure problem.
+
+    ``solids`` by region number (2, 3, ...); ``gravity`` m/s2; ``inflow_profile`` maps y (n,) to the velocity v_x (n,)
+    at the inlet; ``mean_velocity`` and ``reference_length`` scale the force coefficients.
+    Raises ``ValueError`` where the pieces do not fit together.
+    """
+
+    name: str
+    fluid: Fluid | None
+    boundaries: tuple[Boundary, ...]
+    solids: Mapping[int, Solid] = field(default_factory=dict)
+    gravity: tuple[float, float] = (0.0, 0.0)
+    outlet: OutletKind | None = None
+    mesh_motion: MeshMotion | None = None
+    inflow_profile: Callable[[Floats], Floats] | None = None
+    mean_velocity: float | None = None
+    reference_length: float | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse a problem that lacks what its regions and boundaries need."""
+        if self.fluid is None and not self.solids:
+            raise ValueError(f"{self.name}: neither a fluid nor a solid")
+        if self.fluid is not None and self.solids and self.mesh_motion is None:
+            raise ValueError(f"{self.name}: fluid and solid together need a mesh motion")
+        roles = {boundary.role for boundary in self.boundaries}
+        if unknown := roles - set(get_args(Role)):
+            raise ValueError(f"{self.name}: unknown boundary role {sorted(unknown)}, accepted: {get_args(Role)}")
+        if "inlet" in roles and self.inflow_profile is None:
+            raise ValueError(f"{self.name}: an inlet but no inflow profile")
+        if "outlet" in roles and self.outlet not in get_args(OutletKind):
+            raise ValueError(f"{self.name}: outlet kind {self.outlet!r}, accepted: {get_args(OutletKind)}")
+        labels = [boundary.label for boundary in self.boundaries]
+        if len(set(labels)) != len(labels):
+            raise ValueError(f"{self.name}: two boundaries have the same label, {sorted(labels)}")
+        if wrong := [region for region in self.solids if region <= FLUID_REGION]:
+            raise ValueError(f"{self.name}: solid in region {wrong[0]}, solids start at {FLUID_REGION + 1}")
+
+    def labels(self, role: Role) -> list[int]:
+        """Return the boundary labels with a role."""
+        return [boundary.label for boundary in self.boundaries if boundary.role == role]
+
+    def parts(self) -> dict[str, list[int]]:
+        """Return the labels of each named body part."""
+        parts: dict[str, list[int]] = {}
+        for boundary in self.boundaries:
+            if boundary.part is not None:
+                parts.setdefault(boundary.part, []).append(boundary.label)
+        return parts

@@ -1,0 +1,279 @@
+"""Newton's method on the checker's own residual, for small cases from rest.
+
+The Jacobian is assembled from element matrices (27 local unknowns in the fluid) which differentiate the element
+residual numerically, by central divided differences or by a complex step; both know nothing of the formulas inside.
+"""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from scipy.sparse import coo_array, csc_array, diags_array
+from scipy.sparse.linalg import splu
+
+from ffsi.rawfiles import Floats, Ints, RawState
+from ffsi.reference import terms
+from ffsi.reference.materials import Array
+from ffsi.reference.residual import Residual, compute_residual
+from ffsi.reference.system import FluidPart, Mask, Rows, SolidPart, System
+
+Method = Literal["complex-step", "divided-difference"]
+
+_COMPLEX_STEP = 1e-30
+_SHORTEST_STEP = 2.0**-10
+_CUBE_ROOT = float(np.cbrt(np.finfo(float).eps))
+
+
+class ConvergenceError(RuntimeError):
+    """Newton's method did not reach the tolerance; the text says why and how far it came."""
+
+
+@dataclass(frozen=True)
+class Solution:
+    """A converged state and Newton's history, one entry per iteration.
+
+    ``residuals``: the largest relative residual of any equation before each correction and at the end;
+    ``corrections``: norm of the correction relative to the unknowns, the largest of u, v, p; ``steps``: its length.
+    """
+
+    state: RawState
+    residual: Residual
+    residuals: list[float]
+    corrections: list[float]
+    steps: list[float]
+
+
+@dataclass(frozen=True)
+class _Group:
+    """Elements of one kind with k local unknowns and equations.
+
+    ``function`` maps local unknowns (n, k) to local residuals (n, k); ``unknowns`` (n, k) are its argument, ``columns``
+    and ``rows`` the global numbers of unknowns and equations, ``steps`` those of the divided differences.
+    """
+
+    function: Callable[[Array], Array]
+    unknowns: Floats
+    columns: Ints
+    rows: Ints
+    steps: Floats
+
+
+def solve(
+    system: System,
+    method: Method = "complex-step",
+    tolerance: float = 1e-10,
+    max_iterations: int = 15,
+    start: RawState | None = None,
+) -> Solution:
+    """Solve the steady system from rest, or from ``start``, with the prescribed values imposed.
+
+    ``tolerance`` bounds the relative residual of every equation. A step is halved until no triangle is turned inside
+    out. Raises ``ConvergenceError`` after ``max_iterations`` corrections, for a singular Jacobian, or if no step is
+    short enough.
+    """
+    state = _impose(system.rows, start) if start else system.rows.prescribed
+    residual = compute_residual(system, state)
+    residuals = [max(residual.relative.values())]
+    corrections: list[float] = []
+    steps: list[float] = []
+    while residuals[-1] > tolerance:
+        if len(steps) == max_iterations:
+            raise ConvergenceError(f"{system.problem.name}: not converged, relative residuals {residuals}")
+        correction = _correction(system, state, residual, method)
+        state, residual, step = damped_step(system, state, correction)
+        residuals.append(max(residual.relative.values()))
+        corrections.append(_relative_size(correction, state))
+        steps.append(step)
+    return Solution(state, residual, residuals, corrections, steps)
+
+
+def jacobian(system: System, state: RawState, method: Method) -> csc_array:
+    """Jacobian of ``residual_vector`` by the unknowns in the order u, v, p, (4 n2 + nv, 4 n2 + nv)."""
+    size = 4 * system.mesh.n_p2 + len(system.mesh.vertices)
+    rows, columns, values = [], [], []
+    for group in _groups(system, state):
+        matrices = _differentiate(group, method)
+        shape = matrices.shape
+        rows.append(np.broadcast_to(group.rows[:, :, None], shape).ravel())
+        columns.append(np.broadcast_to(group.columns[:, None, :], shape).ravel())
+        values.append(matrices.ravel())
+    entries = (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns)))
+    equations = coo_array(entries, shape=(size, size)).tocsr()
+    source, given = _row_sources(system)
+    identity = diags_array(given.astype(float))
+    result: csc_array = (diags_array((~given).astype(float)) @ equations[source] + identity).tocsc()
+    return result
+
+
+def residual_vector(system: System, state: RawState, residual: Residual) -> Floats:
+    """Residual of every unknown's row, (4 n2 + nv,), in the order u, v, p.
+
+    The rows of u hold the mesh motion in the fluid and the momentum in solids; those of v the momentum in the fluid and
+    the kinematics in solids; those of p the continuity. A prescribed unknown's row is its deviation.
+    """
+    motion = residual.equations.get("mesh_motion")
+    mass = residual.equations.get("continuity")
+    equations = np.concatenate(
+        [
+            motion.residual.ravel() if motion else np.zeros(state.u.size),
+            residual.equations["momentum"].residual.ravel(),
+            mass.residual.ravel() if mass else np.zeros(state.p.size),
+        ]
+    )
+    source, given = _row_sources(system)
+    # The prescribed v is zero in solids, so the kinematics v = 0 is a deviation like the boundary conditions.
+    return np.where(given, _flat(state) - _flat(system.rows.prescribed), equations[source])
+
+
+def _impose(rows: Rows, state: RawState) -> RawState:
+    """Replace the values of ``state`` where others are prescribed; velocities in solids are zero too."""
+    v_given = rows.v_given | rows.kinematics
+    return RawState(
+        u=np.where(rows.u_given[:, None], rows.prescribed.u, state.u),
+        v=np.where(v_given[:, None], rows.prescribed.v, state.v),
+        p=np.where(rows.p_given, rows.prescribed.p, state.p),
+    )
+
+
+def _row_sources(system: System) -> tuple[Ints, Mask]:
+    """Return the number of every unknown's equation, and whether it has a value instead; both (4 n2 + nv,).
+
+    Equations are numbered like the unknowns: mesh motion, momentum, continuity in the order of u, v, p.
+    """
+    rows, n2 = system.rows, system.mesh.n_p2
+    source = np.arange(4 * n2 + len(system.mesh.vertices))
+    solid_u = np.repeat(rows.momentum & ~rows.u_given & ~rows.mesh_motion, 2)
+    source[: 2 * n2][solid_u] += 2 * n2
+    given = [np.repeat(rows.u_given, 2), np.repeat(rows.v_given | rows.kinematics, 2), rows.p_given]
+    return source, np.concatenate(given)
+
+
+def _groups(system: System, state: RawState) -> Iterator[_Group]:
+    if system.fluid is not None:
+        yield _fluid_group(system, system.fluid, state)
+        if system.problem.outlet == "do-nothing":
+            yield _outlet_group(system, system.fluid, state)
+    for solid in system.solids.values():
+        yield _solid_group(system, solid, state)
+
+
+def _fluid_group(system: System, fluid: FluidPart, state: RawState) -> _Group:
+    """Fluid triangles: 12 rows of mesh motion, 12 of momentum, 3 of continuity by as many u, v, p."""
+    elements, n2 = fluid.elements, len(state.u)
+    n = len(elements)
+
+    def function(local: Array) -> Array:
+        u, v, p = local[:, :12].reshape(n, 6, 2), local[:, 12:24].reshape(n, 6, 2), local[:, 24:]
+        flow = terms.Flow.at_points(elements, u, v, p)
+        momentum = _total(terms.fluid_momentum(fluid.law, system.problem.gravity, elements, flow))
+        mass = _total(terms.continuity(elements, flow))
+        motion = np.zeros((n, 6, 2))
+        if fluid.motion is not None:
+            motion = _total(terms.mesh_motion(fluid.motion, fluid.alpha, elements, u))
+        return np.hstack([motion.reshape(n, 12), momentum.reshape(n, 12), mass])
+
+    u_numbers = _numbers(elements.nodes)
+    numbers = np.hstack([u_numbers, 2 * n2 + u_numbers, 4 * n2 + elements.vertices])
+    steps = np.empty((n, 27))
+    steps[:, :12] = _CUBE_ROOT * np.sqrt(elements.area)[:, None]
+    # The residual is of degree 2 in v and 1 in p, where central differences are exact: a large step rounds least.
+    steps[:, 12:24] = np.abs(state.v).max() or 1.0
+    steps[:, 24:] = np.abs(state.p).max() or 1.0
+    return _Group(function, _flat(state)[numbers], numbers, numbers, steps)
+
+
+def _outlet_group(system: System, fluid: FluidPart, state: RawState) -> _Group:
+    nodes = fluid.sides.nodes[np.isin(fluid.sides.label, system.problem.labels("outlet"))]
+    numbers = 2 * len(state.u) + _numbers(nodes)
+
+    def function(local: Array) -> Array:
+        return terms.outlet(fluid.law.viscosity, local.reshape(len(local), 3, 2)).reshape(len(local), 6)
+
+    steps = np.full(numbers.shape, np.abs(state.v).max() or 1.0)
+    return _Group(function, _flat(state)[numbers], numbers, numbers, steps)
+
+
+def _solid_group(system: System, solid: SolidPart, state: RawState) -> _Group:
+    """Solid triangles: 12 momentum rows, which belong to the numbers of v, by 12 displacements."""
+    elements = solid.elements
+    columns = _numbers(elements.nodes)
+
+    def function(local: Array) -> Array:
+        u = local.reshape(len(local), 6, 2)
+        momentum = terms.solid_momentum(solid.law, system.problem.gravity, elements, u)
+        return _total(momentum).reshape(len(local), 12)
+
+    steps = np.repeat(_CUBE_ROOT * np.sqrt(elements.area)[:, None], 12, axis=1)
+    return _Group(function, _flat(state)[columns], columns, 2 * len(state.u) + columns, steps)
+
+
+def _differentiate(group: _Group, method: Method) -> Floats:
+    """Local Jacobians (n, rows, unknowns) of a group, one local unknown after the other on all elements at once."""
+    columns = []
+    for k in range(group.unknowns.shape[1]):
+        if method == "complex-step":
+            forward = group.unknowns.astype(complex)
+            forward[:, k] += 1j * _COMPLEX_STEP
+            columns.append(group.function(forward).imag / _COMPLEX_STEP)
+        else:
+            forward, backward = group.unknowns.copy(), group.unknowns.copy()
+            forward[:, k] += group.steps[:, k]
+            backward[:, k] -= group.steps[:, k]
+            # The step that rounding left, not the one that was asked for.
+            width = forward[:, k] - backward[:, k]
+            columns.append((group.function(forward) - group.function(backward)) / width[:, None])
+    return np.stack(columns, axis=2)
+
+
+def _correction(system: System, state: RawState, residual: Residual, method: Method) -> RawState:
+    """Newton correction by a sparse LU factorisation of the equilibrated Jacobian."""
+    matrix = jacobian(system, state, method)
+    rows = 1.0 / abs(matrix).max(axis=1).toarray()
+    matrix = diags_array(rows) @ matrix
+    columns = 1.0 / abs(matrix).max(axis=0).toarray()
+    try:
+        factors = splu((matrix @ diags_array(columns)).tocsc())
+    except RuntimeError as error:
+        raise ConvergenceError(f"{system.problem.name}: the Jacobian is singular ({error})") from error
+    deviation = residual_vector(system, state, residual)
+    solution = -columns * factors.solve(rows * deviation)
+    _, given = _row_sources(system)
+    solution[given] = -deviation[given]  # prescribed values exactly, without the rounding of the elimination
+    cut = 2 * system.mesh.n_p2
+    return RawState(solution[:cut].reshape(-1, 2), solution[cut : 2 * cut].reshape(-1, 2), solution[2 * cut :])
+
+
+def damped_step(system: System, state: RawState, correction: RawState) -> tuple[RawState, Residual, float]:
+    """Go the largest step 1, 1/2, 1/4, ... along the correction that keeps det F positive everywhere.
+
+    Returns the new state, its residual and the step. Raises ``ConvergenceError`` if that step is below 1/1024.
+    """
+    step = 1.0
+    while step >= _SHORTEST_STEP:
+        new = RawState(state.u + step * correction.u, state.v + step * correction.v, state.p + step * correction.p)
+        residual = compute_residual(system, new)
+        if residual.min_jacobian > 0.0:
+            return new, residual, step
+        step *= 0.5
+    raise ConvergenceError(f"{system.problem.name}: every step turns a triangle inside out")
+
+
+def _relative_size(correction: RawState, state: RawState) -> float:
+    """Largest norm of the correction relative to the unknowns among u, v, p."""
+    pairs = ((correction.u, state.u), (correction.v, state.v), (correction.p, state.p))
+    return max(float(np.linalg.norm(change) / (np.linalg.norm(whole) or 1.0)) for change, whole in pairs)
+
+
+def _numbers(nodes: Ints) -> Ints:
+    """Numbers (n, 2 k) of the two components at nodes (n, k)."""
+    return (2 * nodes[:, :, None] + np.arange(2)).reshape(len(nodes), -1)
+
+
+def _flat(state: RawState) -> Floats:
+    return np.concatenate([state.u.ravel(), state.v.ravel(), state.p])
+
+
+def _total(local: Mapping[str, Array]) -> Array:
+    total: Array = np.sum(list(local.values()), axis=0)
+    return total

@@ -1,0 +1,223 @@
+"""A problem on its mesh: mapped triangles per region, boundary sides, rows and prescribed values."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ffsi.rawfiles import Floats, Ints, RawMesh, RawState
+from ffsi.reference.elements import Elements
+from ffsi.reference.problem import FLUID_REGION, Boundary, Fluid, MeshMotion, Problem, Solid
+
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Sides:
+    """Sides of fluid triangles on the boundary of the fluid.
+
+    ``element`` (n,) number of the fluid triangle, ``side`` (n,) its local side 0..2, ``nodes`` (n, 3) the P2 nodes at
+    the start, the end and the middle, ``label`` (n,) the edge's label or 0, ``tangent`` (n, 2) metres from start to
+    end, with the fluid on its left.
+    """
+
+    element: Ints
+    side: Ints
+    nodes: Ints
+    label: Ints
+    tangent: Floats
+
+    @property
+    def normal(self) -> Floats:
+        """Normals outward from the fluid with the length of the side, (n, 2) metres."""
+        return np.column_stack([self.tangent[:, 1], -self.tangent[:, 0]])
+
+    def select(self, which: Mask) -> "Sides":
+        """Return the sides where ``which`` (n,) is true."""
+        return Sides(self.element[which], self.side[which], self.nodes[which], self.label[which], self.tangent[which])
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Which nodes have a row of an equation, and which values are prescribed.
+
+    ``momentum``, ``mesh_motion``, ``kinematics`` (n2,) and ``continuity`` (nv,) are true where the equation has a row.
+    ``u_given``, ``v_given`` (n2,) and ``p_given`` (nv,) are true where ``prescribed`` holds a value that the solution
+    must have. Every node has either a value or a row for each of u, v, p.
+    """
+
+    momentum: Mask
+    continuity: Mask
+    kinematics: Mask
+    mesh_motion: Mask
+    u_given: Mask
+    v_given: Mask
+    p_given: Mask
+    prescribed: RawState
+
+
+@dataclass(frozen=True)
+class FluidPart:
+    """The fluid's triangles, its boundary and mesh motion (None where u is given) with stiffness ``alpha`` (n,)."""
+
+    law: Fluid
+    elements: Elements
+    sides: Sides
+    motion: MeshMotion | None
+    alpha: Floats
+
+
+@dataclass(frozen=True)
+class SolidPart:
+    """The triangles of a solid and its law."""
+
+    law: Solid
+    elements: Elements
+
+
+@dataclass(frozen=True)
+class System:
+    """The discrete system of docs/discretisation.md on one mesh.
+
+    ``solids`` by region number; ``rows`` the equations and conditions per node.
+    """
+
+    problem: Problem
+    mesh: RawMesh
+    fluid: FluidPart | None
+    solids: dict[int, SolidPart]
+    rows: Rows
+
+    @classmethod
+    def build(cls, problem: Problem, mesh: RawMesh) -> "System":
+        """Prepare ``problem`` on ``mesh``.
+
+        Raises ``ValueError`` if regions or labels of the mesh do not fit the problem or a triangle is degenerate.
+        """
+        regions = ({FLUID_REGION} if problem.fluid else set()) | set(problem.solids)
+        if (found := set(np.unique(mesh.region).tolist())) != regions:
+            raise ValueError(f"{problem.name}: the mesh has the regions {sorted(found)}, expected {sorted(regions)}")
+        _check_labels(problem, mesh)
+        fluid = _fluid_part(problem.fluid, problem, mesh) if problem.fluid else None
+        solids = {region: SolidPart(law, _elements(mesh, region)) for region, law in problem.solids.items()}
+        return cls(problem, mesh, fluid, solids, _rows(problem, mesh, fluid, solids))
+
+
+def _elements(mesh: RawMesh, region: int) -> Elements:
+    inside = mesh.region == region
+    return Elements.build(mesh.vertices, mesh.triangles[inside], mesh.p2[inside])
+
+
+def _check_labels(problem: Problem, mesh: RawMesh) -> None:
+    """Refuse a mesh whose outer boundary is not covered by the problem's labels."""
+    keys, count = np.unique(mesh.sides, return_counts=True)
+    known = np.isin(mesh.label, [boundary.label for boundary in problem.boundaries])
+    bare = np.setdiff1d(keys[count == 1], mesh.edge_keys[known])
+    if bare.size:
+        labels = np.unique(mesh.label[np.isin(mesh.edge_keys, bare)]).tolist()
+        raise ValueError(
+            f"{problem.name}: {bare.size} edges of the outer boundary have no boundary of the problem, labels {labels}"
+        )
+    missing = {boundary.label for boundary in problem.boundaries} - set(mesh.label.tolist())
+    if missing:
+        raise ValueError(f"{problem.name}: no edge of the mesh has the label {sorted(missing)}")
+
+
+def _fluid_part(law: Fluid, problem: Problem, mesh: RawMesh) -> FluidPart:
+    elements = _elements(mesh, FLUID_REGION)
+    motion = problem.mesh_motion if problem.solids else None
+    exponent = motion.stiffness_exponent if motion else 0.0
+    alpha: Floats = (elements.area.max() / elements.area) ** exponent
+    return FluidPart(law, elements, _fluid_sides(mesh), motion, alpha)
+
+
+def _fluid_sides(mesh: RawMesh) -> Sides:
+    """Find the sides that belong to exactly one fluid triangle."""
+    inside = mesh.region == FLUID_REGION
+    keys, p2 = mesh.sides[inside], mesh.p2[inside]
+    _, first, count = np.unique(keys, return_index=True, return_counts=True)
+    element, side = np.divmod(first[count == 1], 3)
+    start, end = (side + 1) % 3, (side + 2) % 3
+    corners = mesh.triangles[inside]
+    return Sides(
+        element=element,
+        side=side,
+        nodes=np.column_stack([p2[element, start], p2[element, end], p2[element, 3 + side]]),
+        label=_labels_of(mesh, keys[element, side]),
+        tangent=mesh.vertices[corners[element, end]] - mesh.vertices[corners[element, start]],
+    )
+
+
+def _labels_of(mesh: RawMesh, keys: Ints) -> Ints:
+    """Label of the edge with each key, 0 where no edge has it."""
+    if not mesh.edge_keys.size:
+        return np.zeros(len(keys), dtype=np.int64)
+    order = np.argsort(mesh.edge_keys)
+    ranked = mesh.edge_keys[order]
+    position = np.minimum(np.searchsorted(ranked, keys), len(ranked) - 1)
+    return np.where(ranked[position] == keys, mesh.label[order[position]], 0)
+
+
+def _mask(size: int, numbers: Ints) -> Mask:
+    mask = np.zeros(size, dtype=np.bool_)
+    mask[numbers.ravel()] = True
+    return mask
+
+
+def _rows(problem: Problem, mesh: RawMesh, fluid: FluidPart | None, solids: dict[int, SolidPart]) -> Rows:
+    inside = mesh.region == FLUID_REGION
+    in_fluid, in_solid = _mask(mesh.n_p2, mesh.p2[inside]), _mask(mesh.n_p2, mesh.p2[~inside])
+    wet = _mask(len(mesh.vertices), mesh.triangles[inside])
+    held_u, held_v, prescribed = _conditions(problem, mesh)
+    if (wrong := in_solid & held_u & ~held_v).any():
+        at = mesh.p2_coordinates[np.flatnonzero(wrong)[0]]
+        raise ValueError(f"{problem.name}: the outlet fixes u but not v of the solid at {at.tolist()}")
+    none = np.zeros_like(in_solid)
+    return Rows(
+        momentum=~held_v,
+        continuity=wet,
+        kinematics=in_solid & ~held_v if fluid else none,
+        mesh_motion=in_fluid & ~in_solid & ~held_u if solids else none,
+        u_given=held_u if solids else np.ones_like(held_u),
+        v_given=held_v if fluid else np.ones_like(held_v),
+        p_given=~wet,
+        prescribed=prescribed,
+    )
+
+
+def _conditions(problem: Problem, mesh: RawMesh) -> tuple[Mask, Mask, RawState]:
+    """Nodes whose u, and whose v, a boundary prescribes, and the values; zero elsewhere.
+
+    A no-slip or clamped boundary wins over an inlet at a common node; the profile is zero there anyhow.
+    """
+    n2 = mesh.n_p2
+    held_u, held_v = np.zeros(n2, dtype=np.bool_), np.zeros(n2, dtype=np.bool_)
+    u, v = np.zeros((n2, 2)), np.zeros((n2, 2))
+    for boundary in sorted(problem.boundaries, key=lambda item: item.role != "inlet"):
+        nodes = mesh.edge_nodes[mesh.label == boundary.label]
+        if boundary.role in ("inlet", "outlet", "no-slip", "clamped"):
+            held_u[nodes] = True
+        if boundary.role in ("inlet", "no-slip", "clamped"):
+            held_v[nodes] = True
+            v[nodes] = 0.0
+        if boundary.role == "inlet" and problem.inflow_profile is not None:
+            v[nodes, 0] = problem.inflow_profile(mesh.p2_coordinates[nodes.ravel(), 1]).reshape(nodes.shape)
+        if boundary.role == "no-slip" and boundary.circle is not None:
+            u[nodes[:, 2]] = _onto_circle(boundary, mesh.p2_coordinates[nodes])
+    return held_u, held_v, RawState(u, v, np.zeros(len(mesh.vertices)))
+
+
+def _onto_circle(boundary: Boundary, points: Floats) -> Floats:
+    """Displacement (n, 2) of the middles of edges with ``points`` (n, 3, 2) along the ray onto the circle.
+
+    Raises ``ValueError`` if the ends of the edges do not lie on the circle.
+    """
+    if boundary.circle is None:
+        raise ValueError(f"{boundary.name} has no circle")
+    *centre, radius = boundary.circle
+    ray = points - np.array(centre)
+    distance = np.hypot(ray[..., 0], ray[..., 1])
+    if (off := np.abs(distance[:, :2] / radius - 1.0).max()) > 1e-8:
+        raise ValueError(f"{boundary.name}: a vertex is {off:.1e} radii off the circle {boundary.circle}")
+    displacement: Floats = ray[:, 2] * (radius / distance[:, 2:] - 1.0)
+    return displacement

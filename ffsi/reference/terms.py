@@ -1,0 +1,133 @@
+"""The terms of each equation on each triangle, before assembly.
+
+Every function takes local values and returns local integrals, (n, 6, 2) or (n, 3), by the name of the term. All are
+analytic in the unknowns, so the solver can differentiate them by a complex step; no tangent is written by hand.
+Formulas: docs/discretisation.md. Tensors have their indices on the last two axes and (triangle, point) before them.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ffsi.rawfiles import Floats
+from ffsi.reference.elements import Elements, gauss_rule, line_basis
+from ffsi.reference.materials import IDENTITY, Array, cofactor, determinant, trace, transpose
+from ffsi.reference.problem import Fluid, MeshMotion, Solid
+
+Vector = tuple[float, float]
+
+
+def gradient_of(values: Array, gradients: Floats) -> Array:
+    """(n, 6, 2) nodal vectors and (n, q, 6, 2) basis gradients to the gradients d(value_i)/dX_j, (n, q, 2, 2)."""
+    n, q = gradients.shape[:2]
+    flat = gradients.transpose(0, 2, 1, 3).reshape(n, 6, 2 * q)
+    return (values.transpose(0, 2, 1) @ flat).reshape(n, 2, q, 2).transpose(0, 2, 1, 3)
+
+
+def against_gradient(flux: Array, elements: Elements) -> Array:
+    """Integrals of flux : grad w for every P2 test function, (n, 7, 2, 2) to (n, 6, 2)."""
+    n, q = elements.weights.shape
+    weighted = (flux * elements.weights[:, :, None, None]).transpose(0, 1, 3, 2).reshape(n, 2 * q, 2)
+    test = elements.gradients.transpose(0, 2, 1, 3).reshape(n, 6, 2 * q)
+    result: Array = test @ weighted
+    return result
+
+
+def against_value(density: Array, elements: Elements) -> Array:
+    """Integrals of density . w for every P2 test function, (n, 7, 2) to (n, 6, 2)."""
+    result: Array = elements.basis.T @ (density * elements.weights[:, :, None])
+    return result
+
+
+@dataclass(frozen=True)
+class Flow:
+    """Fluid fields at points (n, q) of the triangles: F's cofactor and determinant, G = (grad v) adj F, v and p."""
+
+    cofactor: Array
+    jacobian: Array
+    transport: Array
+    velocity: Array
+    pressure: Array
+
+    @classmethod
+    def at_points(cls, elements: Elements, u: Array, v: Array, p: Array) -> "Flow":
+        """Evaluate local unknowns u, v (n, 6, 2), p (n, 3) at the quadrature points."""
+        return cls.evaluate(elements.gradients, elements.basis @ v, p @ elements.p1.T, u, v)
+
+    @classmethod
+    def evaluate(cls, gradients: Floats, velocity: Array, pressure: Array, u: Array, v: Array) -> "Flow":
+        """Combine basis gradients (n, q, 6, 2), values (n, q, 2), (n, q) and nodal u, v (n, 6, 2)."""
+        deformation = IDENTITY + gradient_of(u, gradients)
+        cof = cofactor(deformation)
+        transport = gradient_of(v, gradients) @ transpose(cof)
+        return cls(cof, determinant(deformation), transport, velocity, pressure)
+
+    @property
+    def pressure_flux(self) -> Array:
+        """Pressure part of the first Piola-Kirchhoff stress, -p cof F."""
+        result: Array = -self.pressure[..., None, None] * self.cofactor
+        return result
+
+    def viscous_flux(self, viscosity: float) -> Array:
+        """Viscous part of the first Piola-Kirchhoff stress, mu/J (G + G^T) cof F."""
+        rate = self.transport + transpose(self.transport)
+        result: Array = (viscosity / self.jacobian)[..., None, None] * (rate @ self.cofactor)
+        return result
+
+
+def fluid_momentum(fluid: Fluid, gravity: Vector, elements: Elements, flow: Flow) -> dict[str, Array]:
+    """Terms of the fluid's momentum, (n, 6, 2) newtons per metre depth: convection, pressure, viscosity, gravity."""
+    convection = fluid.density * np.einsum("tqij,tqj->tqi", flow.transport, flow.velocity)
+    weight = -fluid.density * flow.jacobian[..., None] * np.array(gravity)
+    return {
+        "convection": against_value(convection, elements),
+        "pressure": against_gradient(flow.pressure_flux, elements),
+        "viscosity": against_gradient(flow.viscous_flux(fluid.viscosity), elements),
+        "gravity": against_value(weight, elements),
+    }
+
+
+def continuity(elements: Elements, flow: Flow) -> dict[str, Array]:
+    """The two parts of the mass balance tr G, (n, 3) square metres per second."""
+    weighted = flow.transport * elements.weights[:, :, None, None]
+    return {"dv_x/dx": weighted[..., 0, 0] @ elements.p1, "dv_y/dy": weighted[..., 1, 1] @ elements.p1}
+
+
+def mesh_motion(motion: MeshMotion, alpha: Floats, elements: Elements, u: Array) -> dict[str, Array]:
+    """Terms of the mesh motion, (n, 6, 2): the derivatives by x, those by y, and the divergence term.
+
+    They are split by derivative and not by component: without the divergence term each component is an equation of
+    its own, so its whole term vanishes at the solution and would be no scale.
+    """
+    flux = gradient_of(u, elements.gradients) * alpha[:, None, None, None]
+    along_x, along_y = flux * np.array([1.0, 0.0]), flux * np.array([0.0, 1.0])
+    divergence = motion.divergence_weight * trace(flux)[..., None, None] * IDENTITY
+    return {
+        "d/dx": against_gradient(along_x, elements),
+        "d/dy": against_gradient(along_y, elements),
+        "divergence": against_gradient(divergence, elements),
+    }
+
+
+def solid_momentum(solid: Solid, gravity: Vector, elements: Elements, u: Array) -> dict[str, Array]:
+    """Terms of a solid's momentum, (n, 6, 2) newtons per metre depth: stress and gravity."""
+    gradient = gradient_of(u, elements.gradients)
+    weight = np.broadcast_to(-solid.density * np.array(gravity), (len(u), 7, 2))
+    return {
+        "stress": against_gradient(solid.material.first_piola(gradient), elements),
+        "gravity": against_value(weight, elements),
+    }
+
+
+def outlet(viscosity: float, v: Array) -> Array:
+    """Do-nothing outlet, -B_out, (n, 3, 2) for the three P2 nodes of each side with nodal velocities (n, 3, 2).
+
+    The side runs with the fluid on its left, so its direction is the outward normal turned by +90 degrees; its length
+    cancels between d/ds and ds. Three Gauss points are exact for this integrand of degree 3.
+    """
+    points, weights = gauss_rule(3)
+    values, slopes = line_basis(points)
+    derivative = slopes @ v
+    traction = viscosity * np.stack([-derivative[..., 1], derivative[..., 0]], axis=-1)
+    result: Array = -(values * weights[:, None]).T @ traction
+    return result

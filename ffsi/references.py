@@ -1,0 +1,64 @@
+"""Published values of the benchmark cases (ffsi/data/turek_hron.csv; its sources are named in ffsi/data/README.md)."""
+
+from __future__ import annotations
+
+import csv
+import tomllib
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+
+from ffsi.scene import CASES, Scene, load_scene
+
+# What may differ from the catalogue's case without changing its exact solution.
+_NUMERICAL = {"mesh", "mesh_motion", "solver", "output", "title", "description"}
+
+
+@dataclass(frozen=True)
+class Reference:
+    """A published value: `mean` in `unit`, and for periodic quantities its amplitude (`unit`) and frequency (Hz)."""
+
+    quantity: str
+    mean: float
+    amplitude: float | None
+    frequency: float | None
+    unit: str
+    source: str
+
+    def relative_error(self, value: float) -> float:
+        """Return (value - mean) / |mean|."""
+        return (value - self.mean) / abs(self.mean)
+
+
+@cache
+def _table() -> dict[str, dict[str, Reference]]:
+    table: dict[str, dict[str, Reference]] = {}
+    text = files("ffsi").joinpath("data/turek_hron.csv").read_text(encoding="utf-8")
+    for row in csv.DictReader(text.splitlines()):
+        reference = Reference(
+            quantity=row["quantity"],
+            mean=float(row["mean"]),
+            amplitude=float(row["amplitude"]) if row["amplitude"] else None,
+            frequency=float(row["frequency"]) if row["frequency"] else None,
+            unit=row["unit"],
+            source=row["source"],
+        )
+        table.setdefault(row["case"], {})[reference.quantity] = reference
+    return table
+
+
+def references(case: str) -> dict[str, Reference]:
+    """Return the published values of a case by quantity; empty if there are none."""
+    return dict(_table().get(case, {}))
+
+
+def references_for(scene: Scene) -> dict[str, Reference]:
+    """Return the published values that `scene` can be compared with: none if a physical parameter was changed."""
+    found = references(scene.name)
+    if not found or scene.name not in CASES:
+        return {}
+    return found if _physical(scene) == _physical(load_scene(scene.name, [])) else {}
+
+
+def _physical(scene: Scene) -> dict[str, object]:
+    return {key: value for key, value in tomllib.loads(scene.to_toml()).items() if key not in _NUMERICAL}

@@ -1,0 +1,242 @@
+"""Pictures of the fields on the deformed mesh (matplotlib `Figure` objects, no global state)."""
+
+from __future__ import annotations
+
+import io
+import logging
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator, ScalarFormatter
+from matplotlib.tri import LinearTriInterpolator, Triangulation
+from numpy.typing import NDArray
+
+from ffsi.fields import FLUID, Fields, FloatArray
+
+logger = logging.getLogger(__name__)
+
+INK = "#22262b"
+FAINT = "#8a9099"
+DASHED = "#b3402a"
+SOLID_COLOURS = ("#c9c3b8", "#aeb6bd", "#bfc8b5")
+WIDTH = 11.0  # inches
+_LONG = 2.0  # above this ratio of length to height the colour bar lies below the picture
+_ARROWS = 34  # arrows along the longer side
+STEPS = [1, 2, 2.5, 5, 10]  # of the numbers on axes and colour bars
+_EDGES = np.array([[0, 3, 1], [1, 4, 2], [2, 5, 0]])  # of a quadratic triangle in VTK's order
+
+
+def available(fields: Fields) -> list[str]:
+    """Return the pictures that make sense for these fields, the most telling first."""
+    names = ["velocity", "pressure"] if fields.has_fluid else []
+    return [*names, "displacement"] if fields.has_solid else names
+
+
+def draw(name: str, fields: Fields, title: str = "") -> Figure:
+    """Draw `velocity`, `pressure` or `displacement` on the deformed mesh.
+
+    Raises:
+        ValueError: these fields have no such picture.
+    """
+    if name not in available(fields):
+        raise ValueError(f"no picture {name!r} of these fields; there is {', '.join(available(fields))}")
+    return {"velocity": velocity, "pressure": pressure, "displacement": displacement}[name](fields, title)
+
+
+def to_png(figure: Figure, dpi: int = 150) -> bytes:
+    """Return the figure as PNG."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=dpi)
+    return buffer.getvalue()
+
+
+def velocity(fields: Fields, title: str = "") -> Figure:
+    """Velocity magnitude in m/s with arrows; solids in a neutral colour."""
+    figure, axes = _canvas(fields, title)
+    speed = np.hypot(*fields.velocity.T)
+    triangulation = _triangulation(fields, fields.region == FLUID)
+    top = float(speed[triangulation.triangles].max()) or 1.0
+    colours = axes.tripcolor(triangulation, speed, shading="gouraud", cmap="viridis", vmin=0, vmax=top, rasterized=True)
+    _arrows(axes, triangulation, fields.velocity)
+    _solids(axes, fields)
+    _colour_bar(figure, axes, colours, "velocity magnitude (m/s)")
+    return figure
+
+
+def pressure(fields: Fields, title: str = "") -> Figure:
+    """Pressure contours in Pa; the few extreme values at sharp corners are cut off and marked on the colour bar."""
+    figure, axes = _canvas(fields, title)
+    triangulation = _triangulation(fields, fields.region == FLUID)
+    values = fields.pressure
+    levels, palette = _pressure_levels(values[np.unique(triangulation.triangles)])
+    colours = axes.tricontourf(triangulation, values, levels=levels, cmap=palette, extend="both")
+    axes.tricontour(triangulation, values, levels=levels, colors=INK, linewidths=0.35, linestyles="solid", alpha=0.55)
+    _solids(axes, fields)
+    _colour_bar(figure, axes, colours, "pressure (Pa)", _every_other(levels))
+    return figure
+
+
+def displacement(fields: Fields, title: str = "") -> Figure:
+    """Displacement magnitude of the solids in m with the deformed mesh around them; dashed: before the deformation."""
+    solid = fields.region != FLUID
+    figure, axes = _canvas(fields, title, _around(fields, solid))
+    size = np.hypot(*fields.displacement.T)
+    triangulation = _triangulation(fields, solid)
+    top = float(size[triangulation.triangles].max()) or 1.0
+    colours = axes.tripcolor(triangulation, size, shading="gouraud", cmap="YlGnBu", vmin=0, vmax=top, rasterized=True)
+    width = float(np.clip(20.0 / np.sqrt(len(fields.cells)), 0.15, 0.5))
+    axes.add_collection(LineCollection(_mesh_lines(fields, ~solid), colors=INK, linewidths=width, alpha=0.35))
+    axes.add_collection(LineCollection(_mesh_lines(fields, solid), colors=INK, linewidths=width, alpha=0.6))
+    for region in _solid_regions(fields):
+        before = _outline(fields, fields.region == region, fields.points)
+        axes.add_collection(LineCollection(before, colors=DASHED, linewidths=1.1, linestyles="dashed", zorder=6))
+        axes.add_collection(
+            LineCollection(_outline(fields, fields.region == region), colors=INK, linewidths=1.4, zorder=5)
+        )
+    axes.add_collection(LineCollection(_outline(fields, np.full(len(solid), True)), colors=INK, linewidths=0.9))
+    _colour_bar(figure, axes, colours, "displacement magnitude (m)")
+    return figure
+
+
+def _around(fields: Fields, selected: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray]:
+    """Return the corners of a window around the selected part, before and after the deformation, within the domain."""
+    nodes = np.unique(fields.cells[selected])
+    corners = np.concatenate([fields.points[nodes], fields.deformed[nodes]])
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    margin = 0.35 * float((high - low).max())
+    return np.maximum(low - margin, fields.deformed.min(axis=0)), np.minimum(high + margin, fields.deformed.max(axis=0))
+
+
+def _canvas(fields: Fields, title: str, window: tuple[FloatArray, FloatArray] | None = None) -> tuple[Figure, Axes]:
+    low, high = window or (fields.deformed.min(axis=0), fields.deformed.max(axis=0))
+    length, height = np.maximum(high - low, 1e-12)
+    margin = 0.012 * max(length, height)
+    ratio = float(height / length)
+    size = (
+        (WIDTH, 1.75 + 0.9 * WIDTH * ratio)
+        if length > _LONG * height
+        else (3.0 + min(8.0, 7.0 / ratio), 1.0 + min(8.0 * ratio, 7.0))
+    )
+    figure = Figure(figsize=size, layout="constrained", facecolor="white")
+    axes = figure.add_subplot()
+    axes.set_aspect("equal")
+    axes.set_xlim(low[0] - margin, high[0] + margin)
+    axes.set_ylim(low[1] - margin, high[1] + margin)
+    axes.set_xlabel("x (m)", color=INK)
+    axes.set_ylabel("y (m)", color=INK)
+    axes.xaxis.set_major_locator(MaxNLocator(8, steps=STEPS))
+    axes.yaxis.set_major_locator(MaxNLocator(4 if length > _LONG * height else 8, steps=STEPS))
+    axes.tick_params(colors=INK, labelsize=9, width=0.6)
+    for side in axes.spines.values():
+        side.set_visible(False)
+    axes.set_title(title, loc="left", fontsize=11, color=INK)
+    return figure, axes
+
+
+def _colour_bar(figure: Figure, axes: Axes, colours: Any, label: str, ticks: FloatArray | None = None) -> None:
+    low, high = axes.get_xlim(), axes.get_ylim()
+    if low[1] - low[0] > _LONG * (high[1] - high[0]):
+        bar = figure.colorbar(colours, ax=axes, orientation="horizontal", shrink=0.6, aspect=45, pad=0.03)
+    else:
+        bar = figure.colorbar(colours, ax=axes, shrink=0.85, aspect=28, pad=0.03)
+    bar.set_label(label, color=INK, fontsize=10)
+    bar.ax.tick_params(colors=INK, labelsize=9, width=0.6)
+    if ticks is None:
+        bar.locator = MaxNLocator(8, steps=STEPS)
+        formatter = ScalarFormatter()
+        formatter.set_powerlimits((-2, 4))
+        bar.formatter = formatter
+        bar.update_ticks()
+    else:
+        bar.set_ticks(ticks.tolist())
+    bar.outline.set_linewidth(0.4)
+
+
+def _triangulation(fields: Fields, selected: NDArray[np.bool_]) -> Triangulation:
+    x, y = fields.deformed.T
+    return Triangulation(x, y, fields.linear_triangles(selected))
+
+
+def _arrows(axes: Axes, triangulation: Triangulation, vectors: FloatArray) -> None:
+    used = np.unique(triangulation.triangles)
+    x, y = triangulation.x[used], triangulation.y[used]
+    step = max(float(np.ptp(x)), float(np.ptp(y))) / _ARROWS
+    grid_x, grid_y = np.meshgrid(
+        np.arange(x.min() + step / 2, x.max(), step), _centred(float(y.min()), float(y.max()), step), indexing="xy"
+    )
+    try:
+        along, across = (
+            np.ma.filled(LinearTriInterpolator(triangulation, part)(grid_x, grid_y), np.nan) for part in vectors.T
+        )
+    except RuntimeError:  # the deformed mesh is folded, there is no unique triangle
+        logger.warning("the deformed mesh overlaps itself: the picture has no arrows")
+        return
+    speed = np.hypot(along, across)
+    top = np.nanmax(speed, initial=0.0)
+    keep = np.isfinite(speed) & (speed > 0.02 * top)
+    if top == 0 or not keep.any():
+        return
+    shorten = 0.95 * step / top * np.sqrt(top / speed[keep])  # length ~ sqrt(speed), so that slow regions stay readable
+    axes.quiver(
+        *(grid_x[keep], grid_y[keep], along[keep] * shorten, across[keep] * shorten),
+        angles="xy", scale_units="xy", scale=1.0, units="inches", width=0.018, headwidth=4.5, headlength=5,
+        headaxislength=4.5, pivot="middle", facecolor=INK, edgecolor="white", linewidth=0.35, zorder=3,
+    )  # fmt: skip
+
+
+def _centred(low: float, high: float, step: float) -> FloatArray:
+    count = max(1, int((high - low) / step))
+    return np.asarray(low + (np.arange(count) + 0.5) * (high - low) / count)
+
+
+def _pressure_levels(values: FloatArray) -> tuple[FloatArray, str]:
+    low, high = np.percentile(values, [0.3, 99.7])
+    if not high > low:
+        low, high = low - 0.5, high + 0.5
+    palette = "plasma"
+    if low < 0 < high and min(-low, high) > 0.2 * max(-low, high):
+        low, high, palette = -max(-low, high), max(-low, high), "RdBu_r"
+    return np.asarray(MaxNLocator(24, steps=STEPS).tick_values(low, high)), palette
+
+
+def _every_other(levels: FloatArray) -> FloatArray:
+    """Return at most nine of the levels, evenly spaced and with zero among them if it is a level."""
+    stride = -(-len(levels) // 9)
+    zero = int(np.abs(levels).argmin())
+    return levels[(zero % stride) :: stride]
+
+
+def _solids(axes: Axes, fields: Fields) -> None:
+    deformed = fields.deformed
+    for i, region in enumerate(_solid_regions(fields)):
+        selected = fields.region == region
+        colour = SOLID_COLOURS[i % len(SOLID_COLOURS)]
+        triangles = deformed[fields.linear_triangles(selected)]
+        axes.add_collection(
+            PolyCollection(list(triangles), facecolors=colour, edgecolors=colour, linewidths=0.3, zorder=4)
+        )
+        axes.add_collection(
+            LineCollection(_outline(fields, selected), colors=INK, linewidths=1.3, zorder=5, capstyle="round")
+        )
+    fluid = _outline(fields, fields.region == FLUID)
+    axes.add_collection(LineCollection(fluid, colors=INK, linewidths=0.9, zorder=5, capstyle="round"))
+
+
+def _solid_regions(fields: Fields) -> list[int]:
+    return [int(region) for region in np.unique(fields.region) if region != FLUID]
+
+
+def _outline(fields: Fields, selected: NDArray[np.bool_], at: FloatArray | None = None) -> list[FloatArray]:
+    """Edges that belong to one selected triangle only, each (3, 2): start, middle, end."""
+    nodes = fields.cells[selected][:, _EDGES].reshape(-1, 3)
+    _, first, count = np.unique(nodes[:, 1], return_index=True, return_counts=True)
+    return list((fields.deformed if at is None else at)[nodes[first[count == 1]]])
+
+
+def _mesh_lines(fields: Fields, selected: NDArray[np.bool_]) -> list[FloatArray]:
+    nodes = fields.cells[selected][:, _EDGES].reshape(-1, 3)
+    _, first = np.unique(nodes[:, 1], return_index=True)
+    return list(fields.deformed[nodes[first]])

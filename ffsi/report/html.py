@@ -1,0 +1,300 @@
+"""One self-contained HTML file about runs and sweeps."""
+
+from __future__ import annotations
+
+import base64
+import datetime
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import jinja2
+import pandas as pd
+from matplotlib.figure import Figure
+
+from ffsi import folder
+from ffsi.folder import InputError
+from ffsi.references import references_for
+from ffsi.render import package_version
+from ffsi.report import curves, figures
+from ffsi.result import Result, flatten, load_result, load_results, unit
+
+CAPTIONS = {
+    "velocity": "Velocity magnitude and direction on the deformed mesh; grey: solid. "
+    "The arrows' length grows like the root of the speed.",
+    "pressure": "Pressure contours on the deformed mesh. "
+    "The few extreme values at sharp corners lie outside of the colour bar's range.",
+    "displacement": "Displacement magnitude of the solid and the deformed mesh; dashed: before the deformation.",
+}
+CHECK_TEXT = (
+    "Recomputed from the raw unknowns by a second implementation that shares no code with the FreeFEM script: "
+    "relative residuals of every equation, and relative differences of the forces."
+)
+
+
+@dataclass
+class Rows:
+    """A table of text; `numeric` says which columns are aligned to the right."""
+
+    head: Sequence[str]
+    body: list[list[str]]
+    numeric: Sequence[bool]
+
+
+@dataclass
+class Section:
+    """What the template shows about one folder."""
+
+    title: str
+    description: str
+    status: str
+    good: bool
+    size: str = ""
+    reason: str = ""
+    quantities_title: str = "Quantities"
+    quantities: Rows | None = None
+    parameters: Rows | None = None
+    check: Rows | None = None
+    check_text: str = CHECK_TEXT
+    timings: Rows | None = None
+    points: Rows | None = None
+    pictures: list[dict[str, str]] = field(default_factory=list)
+    curves: list[dict[str, str]] = field(default_factory=list)
+    newton: list[dict[str, str]] = field(default_factory=list)
+    formulas: dict[str, str] | None = None
+
+
+def write_report(directories: Iterable[str | Path], output: str | Path, title: str | None = None) -> None:
+    """Write a report about run folders and sweeps into one HTML file without any external part.
+
+    Args:
+        directories: run folders, chains or sweeps, in the order of the report's sections.
+        output: the HTML file.
+        title: heading; by default the names of the cases.
+
+    Raises:
+        InputError: no folder, or one of them holds no result.
+    """
+    paths = [Path(item) for item in directories]
+    if not paths:
+        raise InputError("a report needs at least one run folder or sweep")
+    sections = [_sweep(path) if folder.is_sweep_folder(path) else _run(load_result(path)) for path in paths]
+    text = _template().render(
+        title=title or "Report: " + ", ".join(dict.fromkeys(section.title for section in sections)),
+        version=package_version(),
+        date=datetime.date.today().isoformat(),
+        sections=sections,
+    )
+    folder.write_text(Path(output), text)
+
+
+def _template() -> jinja2.Template:
+    source = files("ffsi.report").joinpath("template.html").read_text(encoding="utf-8")
+    environment = jinja2.Environment(
+        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    return environment.from_string(source)
+
+
+def _run(result: Result) -> Section:
+    data = result.data
+    section = Section(
+        title=result.title,
+        description=result.scene.description,
+        status=_status(result),
+        good=result.converged,
+        size=_size(data),
+        reason=result.reason,
+        quantities=_quantities(result),
+        parameters=_pairs(("key", "value"), result.parameters),
+        check=_pairs(
+            ("relative", "value"), {key: _sign(value) for key, value in data["check"].items() if value is not None}
+        ),
+        timings=_timings(data),
+        formulas=_formulas(result),
+    )
+    if result.state_file is not None:
+        section.pictures = [_image(result.picture(name), CAPTIONS[name]) for name in figures.available(result.fields)]
+    if (result.directory / folder.HISTORY).is_file() and (history := curves.newton_history(result.history)) is not None:
+        section.newton = [_image(history, _newton_text(data))]
+    return section
+
+
+def _sweep(directory: Path) -> Section:
+    results = load_results(directory)
+    keys = list((results[-1].data.get("varied") or {}).keys())
+    table = _table(directory, results, keys)
+    solved = [result for result in results if result.solved]
+    last = max(solved or results, key=lambda result: tuple(result.data["varied"].values()))
+    section = _run(last)
+    failed = int((table["status"] != "converged").sum())
+    section.title = f"{last.scene.name}, sweep over {', '.join(keys)}"
+    section.status = (
+        f"{len(table) - failed} of {len(table)} points solved and checked"
+        if failed
+        else f"all {len(table)} points solved and checked"
+    )
+    section.good, section.reason = (
+        failed == 0,
+        "; ".join(dict.fromkeys(str(text) for text in table["reason"].dropna() if text)),
+    )
+    section.points = _points(table, keys)
+    section.quantities_title = "Quantities of the point in the pictures: " + ", ".join(
+        f"{key} = {value:g}" for key, value in last.data["varied"].items()
+    )
+    figure = curves.sweep_curves(table, keys)
+    section.curves = (
+        [_image(figure, "Over the sweep; every marker is one computed point.")] if figure is not None else []
+    )
+    return section
+
+
+def _table(directory: Path, results: Sequence[Result], keys: Sequence[str]) -> pd.DataFrame:
+    from ffsi.study import TABLE, row
+
+    path = directory / TABLE
+    if path.is_file():
+        return pd.read_csv(path, keep_default_na=True)
+    return pd.DataFrame(
+        [row(result, {key: result.data["varied"][key] for key in keys}, directory) for result in results]
+    )
+
+
+def _points(table: pd.DataFrame, keys: Sequence[str]) -> Rows:
+    wanted = [*keys, "status", "drag", "lift", "drag_coefficient", "lift_coefficient", "tip_ux", "tip_uy"]
+    jacobians = [str(name) for name in table if str(name).startswith("min_jacobian")]
+    wanted += [*(name for name in jacobians if not name.endswith(("_x", "_y"))), "check_maximum", "seconds"]
+    columns = [name for name in dict.fromkeys(wanted) if name in table and table[name].notna().any()]
+    forms = {"check_maximum": ".1e", "seconds": ".1f"}
+    body = [[_cell(line[name], forms.get(name, ".6g")) for name in columns] for _, line in table.iterrows()]
+    return Rows([_head(name) for name in columns], body, [name != "status" for name in columns])
+
+
+def _quantities(result: Result) -> Rows | None:
+    values = flatten(result.quantities)
+    if not values:
+        return None
+    published = references_for(result.scene)
+    head, numeric = ["quantity", "value", "unit"], [False, True, False]
+    if published:
+        head, numeric = [*head, "published", "error", "source"], [*numeric, True, True, False]
+    body = []
+    for name, value in values.items():
+        cells = [name, f"{value:.8g}", unit(name)]
+        if published:
+            reference = published.get(name.removesuffix("_mean"))
+            cells += ["", "", ""] if reference is None else [
+                f"{reference.mean:.8g}", f"{100 * reference.relative_error(value):+.3f} %", reference.source,
+            ]  # fmt: skip
+        body.append(cells)
+    return Rows(head, body, numeric)
+
+
+def _timings(data: Mapping[str, Any]) -> Rows | None:
+    names = {"script": "FreeFEM since its start"}
+    found = {
+        names.get(key, key.replace("_", " ")): value for key, value in data["timings"].items() if value is not None
+    }
+    return (
+        Rows(["phase", "seconds"], [[key, f"{value:.3f}"] for key, value in found.items()], [False, True])
+        if found
+        else None
+    )
+
+
+def _pairs(head: tuple[str, str], values: Mapping[str, Any]) -> Rows | None:
+    return (
+        Rows(
+            head,
+            [
+                [key.replace("_", " ") if head[0] == "relative" else key, _cell(value, ".10g")]
+                for key, value in values.items()
+            ],
+            [False, True],
+        )
+        if values
+        else None
+    )
+
+
+def _formulas(result: Result) -> dict[str, str] | None:
+    """Return the numbers for the section about the paper's formulas, for flap cases only."""
+    scene, values = result.scene, flatten(result.quantities)
+    if scene.geometry.kind != "flap-channel" or scene.fluid is None or scene.forces is None:
+        return None
+    density = scene.fluid.density
+    difference = ""
+    if "drag" in values and "drag_surface" in values and values["drag"]:
+        apart = abs(values["drag_surface"] / values["drag"] - 1)
+        difference = f" (drag: {100 * apart:.2f} % apart on this mesh)"
+    remark = "; with it the paper's viscous part would differ by this factor."
+    if density == 1:
+        remark = ", so the number is the same; in general the factor is μ alone."
+    return {
+        "density": f"{density:g}",
+        "density_remark": remark,
+        "length": f"{scene.forces.reference_length:g}",
+        "difference": difference,
+        "solid": _solid_remark(result, values),
+    }  # fmt: skip
+
+
+def _solid_remark(result: Result, values: Mapping[str, float]) -> str:
+    flap = result.scene.solid.get("flap")
+    if flap is None or flap.material != "st-venant-kirchhoff":
+        return ""
+    text = (
+        "St. Venant-Kirchhoff loses all resistance in strong compression: at the flap's downstream root corner the "
+        "solid collapses (J → 0), and the earlier the finer the root is resolved. The element size there belongs to "
+        "the case"
+    )
+    size = getattr(result.scene.mesh, "root_size", None)
+    text += f" ({size:g} m here)." if size is not None else "."
+    smallest = values.get("min_jacobian_solid")
+    return text + (f" Smallest J in the solid at this point: {smallest:.3f}." if smallest is not None else "")
+
+
+def _status(result: Result) -> str:
+    if result.converged:
+        return "solved and checked" if result.data["check"] else "solved, not checked"
+    return {"check": "the check failed", "crash": "FreeFEM died", "not-reached": "not reached"}.get(
+        result.failure, "not converged"
+    )
+
+
+def _size(data: Mapping[str, Any]) -> str:
+    if not data.get("unknowns"):
+        return ""
+    program = data.get("freefem") or {}
+    solver = f"FreeFEM {program.get('version', '')} with {program.get('solver', '')}"
+    return f"{data['triangles']} triangles, {data['unknowns']} unknowns; {solver}"
+
+
+def _newton_text(data: Mapping[str, Any]) -> str:
+    newton = data.get("newton") or {}
+    return (
+        f"{newton.get('iterations', '?')} iterations and {newton.get('factorizations', '?')} factorisations "
+        "on the final mesh. Dotted: a finer mesh or another load step begins."
+    )
+
+
+def _image(figure: Figure, caption: str) -> dict[str, str]:
+    data = base64.b64encode(figures.to_png(figure, dpi=140)).decode("ascii")
+    return {"data": data, "caption": caption, "alt": caption.partition(".")[0].partition(";")[0]}
+
+
+def _head(name: str) -> str:
+    named = unit(name)
+    return f"{name.replace('_', ' ')} ({named})" if named != "1" else name.replace("_", " ")
+
+
+def _sign(value: float) -> str:
+    return f"{value:.1e}"
+
+
+def _cell(value: Any, form: str) -> str:
+    if value is None or (isinstance(value, float) and pd.isna(value)):
+        return ""
+    return format(value, form) if isinstance(value, (int, float)) and not isinstance(value, bool) else str(value)

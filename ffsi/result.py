@@ -1,0 +1,281 @@
+"""A finished run, read from its folder."""
+
+from __future__ import annotations
+
+import base64
+import html
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import meshio
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike
+
+from ffsi import folder, vtu
+from ffsi.fields import Fields
+from ffsi.folder import InputError
+from ffsi.scene import Scene, load_scene, with_values
+
+if TYPE_CHECKING:
+    from tempfile import TemporaryDirectory
+
+    from matplotlib.figure import Figure
+
+UNITS = {
+    "drag": "N/m",
+    "lift": "N/m",
+    "drag_surface": "N/m",
+    "lift_surface": "N/m",
+    "tip_ux": "m",
+    "tip_uy": "m",
+    "pressure_drop": "Pa",
+    "pressure_difference": "Pa",
+    "flow_rate_in": "m²/s",
+    "flow_rate_out": "m²/s",
+}
+
+
+@dataclass(frozen=True)
+class Result:
+    """One solved (or failed) point and its files.
+
+    Attributes:
+        scene: the scene as solved.
+        directory: the run folder.
+        data: the content of `result.json` (docs/formats.md).
+    """
+
+    scene: Scene
+    directory: Path
+    data: dict[str, Any]
+    _temporary: TemporaryDirectory[str] | None = field(default=None, repr=False, compare=False)
+
+    @property
+    def status(self) -> str:
+        """`converged` or `failed`."""
+        return str(self.data["status"])
+
+    @property
+    def reason(self) -> str:
+        """Why the run failed, in words; empty if it did not."""
+        return str(self.data.get("reason") or "")
+
+    @property
+    def converged(self) -> bool:
+        """Whether the run was solved and, unless that was switched off, checked."""
+        return self.status == "converged"
+
+    @property
+    def check_failures(self) -> list[str]:
+        """What the reference checker objects to; empty if it passed or did not run."""
+        return [str(item) for item in self.data.get("check_failures", [])]
+
+    @property
+    def point(self) -> int:
+        """Number of this point within its run folder, from 1."""
+        return int(self.data.get("point", 1))
+
+    @property
+    def quantities(self) -> dict[str, Any]:
+        """Forces (N/m), displacements (m), pressures (Pa), ...; each a mean, amplitude, frequency if unsteady."""
+        return dict(self.data.get("quantities") or {})
+
+    @property
+    def parameters(self) -> dict[str, Any]:
+        """Every value the script really used, by the scene's dotted keys."""
+        return dict(self.data.get("parameters") or {})
+
+    @cached_property
+    def history(self) -> pd.DataFrame:
+        """Newton's iterations of this point (`newton.csv`).
+
+        Raises:
+            InputError: the folder holds no such file.
+        """
+        path = self.directory / folder.HISTORY
+        if not path.is_file():
+            raise InputError(f"{self.directory} holds no {folder.HISTORY}")
+        table = pd.read_csv(path, skipinitialspace=True)
+        return table[table["point"] == self.point].reset_index(drop=True)
+
+    @cached_property
+    def fields(self) -> Fields:
+        """The fields of this point; for a failed run those of the last converged state.
+
+        Raises:
+            InputError: no state was saved.
+        """
+        from ffsi.rawfiles import read_mesh, read_state
+
+        state = self.state_file
+        if state is None:
+            raise InputError(
+                f"{self.directory} holds no fields of point {self.point}: {self.reason or 'nothing was saved'}"
+            )
+        mesh = read_mesh(self.directory / folder.MESH)
+        return Fields.from_raw(mesh, read_state(self.directory / state, mesh))
+
+    @property
+    def state_file(self) -> str | None:
+        """Name of the file with this point's unknowns (of a failed point: its last converged state), or None."""
+        name = self.data.get("state")
+        return (
+            str(name)
+            if name and (self.directory / name).is_file() and (self.directory / folder.MESH).is_file()
+            else None
+        )
+
+    @property
+    def solved(self) -> bool:
+        """Whether Newton's method converged, whatever the checker says."""
+        return self.failure in ("", "check")
+
+    @property
+    def failure(self) -> str:
+        """Empty, `check`, `not-converged`, `not-reached` (an earlier point of the chain failed) or `crash`."""
+        return str(self.data.get("failure", "" if self.converged else "not-converged"))
+
+    @property
+    def mesh(self) -> meshio.Mesh:
+        """Quadratic triangles (`triangle6`) on the reference configuration with all fields, as a meshio mesh."""
+        return vtu.to_meshio(self.fields)
+
+    def sample(self, points: ArrayLike) -> pd.DataFrame:
+        """Evaluate the fields at reference points.
+
+        Args:
+            points: (m, 2) reference coordinates, metres.
+
+        Returns:
+            One row per point: `x`, `y` (m), `region`, `ux`, `uy` (m), `vx`, `vy` (m/s), `p` (Pa); NaN outside of the
+            mesh, and `p` is NaN inside a solid.
+        """
+        values = self.fields.sample(points)
+        table = pd.DataFrame(np.asarray(points, dtype=float), columns=["x", "y"], dtype=float)
+        return table.assign(**values)
+
+    def at(self, x: float, y: float) -> dict[str, float]:
+        """Evaluate the fields at one reference point (metres); keys as in `sample`.
+
+        Raises:
+            ValueError: the point is outside of the mesh.
+        """
+        values = self.fields.sample([[x, y]])
+        if not values["region"][0] >= 0:
+            raise ValueError(f"({x}, {y}) is outside of the reference mesh of {self.data['case']}")
+        return {key: float(value[0]) for key, value in values.items()}
+
+    def picture(self, name: str = "velocity") -> Figure:
+        """Draw `velocity`, `pressure` or `displacement` on the deformed mesh.
+
+        Raises:
+            ValueError: another name, or the scene has no such field.
+            InputError: no state was saved.
+        """
+        from ffsi.report import figures
+
+        return figures.draw(name, self.fields, title=self.title)
+
+    @property
+    def title(self) -> str:
+        """Case and mesh in words, for headings."""
+        words = [str(self.data["case"])]
+        if self.data.get("level") is not None:
+            words.append(f"mesh level {self.data['level']}")
+        words += [f"{key} = {value:g}" for key, value in (self.data.get("varied") or {}).items()]
+        if not self.solved:
+            words.append("last converged state")
+        return ", ".join(words)
+
+    def _repr_html_(self) -> str:
+        rows = "".join(
+            f"<tr><th>{html.escape(key)}</th><td>{value:.6g}</td><td>{html.escape(unit(key))}</td></tr>"
+            for key, value in flatten(self.quantities).items()
+        )
+        heading = f"<p><b>{html.escape(self.title)}</b>: {html.escape(self.status)} {html.escape(self.reason)}</p>"
+        return f"{heading}<table>{rows}</table>{self._picture_html()}"
+
+    def _picture_html(self) -> str:
+        from ffsi.report import figures
+
+        if self.state_file is None:
+            return ""
+        name = figures.available(self.fields)[0]
+        encoded = base64.b64encode(figures.to_png(self.picture(name))).decode("ascii")
+        return f'<img style="max-width:100%" alt="{name}" src="data:image/png;base64,{encoded}">'
+
+
+def load_result(directory: str | Path, point: int | None = None) -> Result:
+    """Read a run folder.
+
+    Args:
+        directory: what `ffsi run --out` or `run.solve` has written, or one chain of a sweep.
+        point: which point of a chain; by default the last one.
+
+    Raises:
+        InputError: the folder or the point is not there, or its files are damaged.
+        SceneError: its `scene.toml` cannot be read.
+    """
+    directory = Path(directory)
+    if not folder.is_run_folder(directory):
+        raise InputError(
+            f"{directory} is no run folder of ffsi" + ("" if directory.exists() else " (it does not exist)")
+        )
+    name = folder.RESULT
+    if point is not None and not (
+        (directory / name).is_file() and point == 1 and not (directory / folder.CHAIN).is_file()
+    ):
+        name = folder.numbered(folder.RESULT, point)
+    data = folder.read_json(directory / name)
+    if missing := [key for key in ("case", "status") if key not in data]:
+        raise InputError(f"{directory / name} lacks {', '.join(missing)}")
+    scene = load_scene(str(directory / folder.SCENE), [])
+    if varied := data.get("varied"):
+        scene = with_values(scene, varied)
+    return Result(scene, directory, data)
+
+
+def load_results(directory: str | Path) -> list[Result]:
+    """Read every point of a run folder, a chain or a sweep, in the order of the folders and points.
+
+    Raises:
+        InputError: as `load_result`; also if there is no result yet.
+    """
+    directory = Path(directory)
+    if folder.is_sweep_folder(directory):
+        chains = sorted(path for path in directory.glob("chain-*") if folder.is_run_folder(path))
+        results = [result for chain in chains for result in _points(chain)]
+    elif (directory / folder.CHAIN).is_file():
+        results = _points(directory)
+    else:
+        results = [load_result(directory)]
+    if not results:
+        raise InputError(f"{directory} holds no result yet")
+    return results
+
+
+def _points(chain: Path) -> list[Result]:
+    numbers = sorted(int(path.stem.rpartition("-")[2]) for path in chain.glob("result-*.json"))
+    return [load_result(chain, number) for number in numbers]
+
+
+def flatten(quantities: Mapping[str, Any]) -> dict[str, float]:
+    """Turn `{"drag": {"mean": 1, ...}}` into `{"drag_mean": 1, ...}`; leave plain numbers; drop what is no number."""
+    flat: dict[str, float] = {}
+    for key, value in quantities.items():
+        if isinstance(value, Mapping):
+            flat.update({f"{key}_{part}": float(item) for part, item in value.items() if item is not None})
+        elif isinstance(value, (int, float)):
+            flat[key] = float(value)
+    return flat
+
+
+def unit(quantity: str) -> str:
+    """Return the unit of a (flattened) quantity's name, `1` if it has none."""
+    if quantity.endswith("_frequency"):
+        return "Hz"
+    return UNITS.get(quantity.removesuffix("_mean").removesuffix("_amplitude"), "1")

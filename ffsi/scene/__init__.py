@@ -1,0 +1,56 @@
+"""What a scene is: models with units, TOML in and out, the catalogue, boundaries and their roles."""
+
+from ffsi.scene.boundaries import Boundary, Role, boundaries
+from ffsi.scene.catalogue import CASES
+from ffsi.scene.errors import Problem, SceneError
+from ffsi.scene.expressions import Expression, ExpressionError
+from ffsi.scene.files import load_scene
+from ffsi.scene.flow import Forces, Gravity, Inflow, Outlet
+from ffsi.scene.geometry import (
+    Beam,
+    ChannelCavity,
+    ChannelCylinder,
+    ElementSizes,
+    FlapChannel,
+    Geometry,
+    Physics,
+)
+from ffsi.scene.materials import Fluid, Solid, StVenantKirchhoff
+from ffsi.scene.model import Scene
+from ffsi.scene.numerics import Mesh, MeshMotion, Output, Solver
+from ffsi.scene.overrides import parse_overrides, with_values
+from ffsi.scene.units import to_si
+
+__all__ = [
+    "CASES",
+    "Beam",
+    "Boundary",
+    "ChannelCavity",
+    "ChannelCylinder",
+    "ElementSizes",
+    "Expression",
+    "ExpressionError",
+    "FlapChannel",
+    "Fluid",
+    "Forces",
+    "Geometry",
+    "Gravity",
+    "Inflow",
+    "Mesh",
+    "MeshMotion",
+    "Outlet",
+    "Output",
+    "Physics",
+    "Problem",
+    "Role",
+    "Scene",
+    "SceneError",
+    "Solid",
+    "Solver",
+    "StVenantKirchhoff",
+    "boundaries",
+    "load_scene",
+    "parse_overrides",
+    "to_si",
+    "with_values",
+]

@@ -1,0 +1,42 @@
+"""The boundaries of a scene's reference domain: label, role, body part, circle, exact length."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+if TYPE_CHECKING:
+    from ffsi.scene.model import Scene
+
+Role = Literal["inlet", "outlet", "no-slip", "interface", "clamped", "free"]
+
+INLET, OUTLET, WALLS, CYLINDER, SURFACE, CLAMPED, OUTER, LEFT_LIP, RIGHT_LIP = range(1, 10)
+
+
+@dataclass(frozen=True)
+class Boundary:
+    """One labelled boundary of the reference domain.
+
+    Args:
+        name: what it is, such as "inlet" or "surface".
+        label: edge label in the mesh (table in docs/formats.md).
+        role: condition on it (docs/discretisation.md).
+        part: body part on which the fluid's force is reported, None if there is none.
+        circle: centre x, centre y and radius in m of a curved no-slip boundary, None if it is straight.
+        exact_length: length of the exact curve, m.
+    """
+
+    name: str
+    label: int
+    role: Role
+    exact_length: float
+    part: str | None = None
+    circle: tuple[float, float, float] | None = None
+
+
+def boundaries(scene: Scene) -> list[Boundary]:
+    """Return the boundaries of the scene, sorted by label.
+
+    A root arc (label 6 of `channel-cylinder`) has no circle: only no-slip boundaries are moved onto theirs.
+    """
+    return sorted(scene.geometry.boundaries(scene.physics), key=lambda boundary: boundary.label)

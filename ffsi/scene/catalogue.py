@@ -1,0 +1,89 @@
+"""The catalogue: scenes with published or stated values."""
+
+from __future__ import annotations
+
+from ffsi.scene.flow import Forces, Gravity, Inflow, Outlet
+from ffsi.scene.geometry import Beam, ChannelCavity, ChannelCylinder, FlapChannel
+from ffsi.scene.materials import Fluid, StVenantKirchhoff
+from ffsi.scene.model import Scene
+from ffsi.scene.numerics import Mesh
+
+DO_NOTHING = Outlet(kind="do-nothing")
+
+
+def flap(name: str, description: str, solid: StVenantKirchhoff) -> Scene:
+    """Return the elastic flap in a channel (Table 1 of the paper) with the given material."""
+    return Scene(
+        name=name,
+        description=description,
+        geometry=FlapChannel(),
+        # St. Venant-Kirchhoff collapses at a finely resolved root corner: the size there belongs to the scene.
+        mesh=Mesh(level=1, root_size=0.01),
+        fluid=Fluid(density=1.0, viscosity=1e-3),
+        solid={"flap": solid},
+        inflow=Inflow(mean_velocity=0.12),
+        outlet=DO_NOTHING,
+        forces=Forces(reference_length=0.2),
+    )
+
+
+def turek(name: str, description: str, mean_velocity: float | None = None, lame_mu: float | None = None) -> Scene:
+    """Return a steady case of Turek and Hron's benchmark.
+
+    Args:
+        name: name of the case.
+        description: one line of text.
+        mean_velocity: of the inflow, m/s; None for the beam alone under gravity.
+        lame_mu: shear modulus of the beam, Pa; None for a rigid beam.
+    """
+    wet = mean_velocity is not None
+    solid = {}
+    if lame_mu is not None:
+        beam = StVenantKirchhoff(material="st-venant-kirchhoff", density=1000.0, lame_mu=lame_mu, poisson_ratio=0.4)
+        solid = {"beam": beam}
+    return Scene(
+        name=name,
+        description=description,
+        geometry=ChannelCylinder(beam=Beam()),
+        fluid=Fluid(density=1000.0, viscosity=1.0) if wet else None,
+        solid=solid,
+        gravity=None if wet else Gravity(y=-2.0),
+        inflow=Inflow(mean_velocity=mean_velocity) if wet else None,
+        outlet=DO_NOTHING if wet else None,
+        forces=Forces(reference_length=0.1) if wet else None,
+    )
+
+
+def _scenes() -> list[Scene]:
+    svk = StVenantKirchhoff(material="st-venant-kirchhoff", density=1.0, lame_lambda=8.0, lame_mu=2.0)
+    floor = StVenantKirchhoff(material="st-venant-kirchhoff", density=1000.0, young_modulus=500.0, poisson_ratio=0.4)
+    return [
+        flap("flap-svk", "Elastic flap on the floor of a channel, St. Venant-Kirchhoff, rigid roof", svk),
+        turek("turek-cfd1", "Turek-Hron CFD1: steady flow around a rigid cylinder and beam, Re 20", 0.2),
+        turek("turek-cfd2", "Turek-Hron CFD2: steady flow around a rigid cylinder and beam, Re 100", 1.0),
+        turek("turek-csm1", "Turek-Hron CSM1: beam under gravity", lame_mu=0.5e6),
+        turek("turek-csm2", "Turek-Hron CSM2: stiffer beam under gravity", lame_mu=2.0e6),
+        turek("turek-fsi1", "Turek-Hron FSI1: elastic beam in steady flow, Re 20", 0.2, 0.5e6),
+        Scene(
+            name="cylinder-2d1",
+            description="Schaefer-Turek 2D-1: steady flow around a cylinder, Re 20",
+            geometry=ChannelCylinder(length=2.2),
+            fluid=Fluid(density=1.0, viscosity=1e-3),
+            inflow=Inflow(mean_velocity=0.2),
+            outlet=DO_NOTHING,
+            forces=Forces(reference_length=0.1),
+        ),
+        Scene(
+            name="cavity-flexible-floor",
+            description="Channel over a cavity with a flexible floor (Tukovic et al. 2018)",
+            geometry=ChannelCavity(),
+            fluid=Fluid(density=1.0, viscosity=0.01),
+            solid={"floor": floor},
+            inflow=Inflow(mean_velocity=1.0),
+            outlet=DO_NOTHING,
+            forces=Forces(reference_length=1.0),
+        ),
+    ]
+
+
+CASES: dict[str, Scene] = {scene.name: scene for scene in _scenes()}

@@ -1,0 +1,266 @@
+"""Formulas in a scene, such as an inflow profile: parsed against an allow-list, never executed as text.
+
+The text is read by Python's parser into a tree; every node must be on the list below. Values come from an
+interpreter over the tree, FreeFEM text is printed from the tree. Nothing of the user's text reaches either.
+"""
+
+from __future__ import annotations
+
+import ast
+import functools
+import math
+import re
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ffsi.scene.errors import names as quoted
+from ffsi.scene.errors import number_text
+
+MAX_LENGTH = 200
+MAX_EXPONENT = 16.0
+
+Values = NDArray[np.float64]
+
+_OPERATORS: dict[type[ast.operator], tuple[str, Callable[[Any, Any], Any]]] = {
+    ast.Add: ("+", np.add),
+    ast.Sub: ("-", np.subtract),
+    ast.Mult: ("*", np.multiply),
+    ast.Div: ("/", np.divide),
+    ast.Pow: ("^", np.power),
+}
+_FUNCTIONS: dict[str, Callable[[Any], Any]] = {
+    "sin": np.sin,
+    "cos": np.cos,
+    "tan": np.tan,
+    "exp": np.exp,
+    "log": np.log,
+    "sqrt": np.sqrt,
+    "abs": np.abs,
+    "tanh": np.tanh,
+}
+_EXTREMA: dict[str, Callable[[Any, Any], Any]] = {"min": np.minimum, "max": np.maximum}
+_CONSTANTS = {"pi": math.pi}
+_FORBIDDEN_CHARACTER = re.compile(r"[^A-Za-z0-9_ .+\-*/^(),]")
+_FREEFEM_NAME = re.compile(r"[A-Za-z][A-Za-z0-9]*")
+
+
+class ExpressionError(ValueError):
+    """The text is no formula made of the accepted names, functions and operators."""
+
+
+@dataclass(frozen=True)
+class Expression:
+    """A formula of given variables; make one with `Expression.parse`.
+
+    Attributes:
+        text: the formula as written.
+        variables: the names that it may use.
+    """
+
+    text: str
+    variables: tuple[str, ...]
+    _tree: ast.expr = field(repr=False, compare=False)
+
+    @classmethod
+    def parse(cls, text: str, variables: Sequence[str] = ("y", "H")) -> Expression:
+        """Read a formula.
+
+        Args:
+            text: numbers, variables, pi, + - * / ^ (or **), brackets, and the functions sin, cos, tan, exp, log,
+                sqrt, abs, tanh, min, max.
+            variables: names that may occur.
+
+        Raises:
+            ExpressionError: anything else occurs in the text, or it is longer than 200 characters.
+        """
+        tree = _parse(text)
+        _check(tree, tuple(variables))
+        return cls(text, tuple(variables), tree)
+
+    def evaluate(self, **values: ArrayLike) -> Values:
+        """Return the formula's values for arrays (or numbers) of its variables.
+
+        Where it is not defined (a division by zero, the root of a negative number) the value is inf or nan.
+
+        Raises:
+            TypeError: the keywords are not the formula's variables.
+        """
+        if set(values) != set(self.variables):
+            raise TypeError(f"values for {quoted(self.variables)} are needed, got {quoted(values)}")
+        arrays = np.broadcast_arrays(*(np.asarray(value, dtype=np.float64) for value in values.values()))
+        known: dict[str, Values] = dict(zip(values, arrays, strict=True))
+        shape = arrays[0].shape if arrays else ()
+        with np.errstate(all="ignore"):
+            return np.array(np.broadcast_to(_value(self._tree, known), shape), dtype=np.float64)
+
+    def to_freefem(self, rename: Mapping[str, str] | None = None) -> str:
+        """Return the formula as FreeFEM text.
+
+        Args:
+            rename: FreeFEM identifiers of variables that are called otherwise there.
+
+        Raises:
+            ValueError: a new name is no FreeFEM identifier.
+        """
+        for name in (rename or {}).values():
+            if not _FREEFEM_NAME.fullmatch(name):
+                raise ValueError(f"{name!r} is not a FreeFEM identifier")
+        return _freefem(self._tree, dict(rename or {}))
+
+
+def _parse(text: str) -> ast.expr:
+    if not text.strip():
+        raise ExpressionError("the formula is empty")
+    if len(text) > MAX_LENGTH:
+        raise ExpressionError(f"the formula has {len(text)} characters, at most {MAX_LENGTH} are accepted")
+    found = _FORBIDDEN_CHARACTER.search(text)
+    if found:
+        raise ExpressionError(f"the character {found.group()!r} is not accepted in a formula")
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            return ast.parse(text.replace("^", "**").strip(), mode="eval").body
+    except (SyntaxError, ValueError, MemoryError, RecursionError):
+        raise ExpressionError("not a formula (operators are + - * / ^, every product needs its *)") from None
+
+
+def _check(node: ast.expr, variables: tuple[str, ...]) -> None:
+    """Raise unless every node of the tree is accepted."""
+    check = functools.partial(_check, variables=variables)
+    match node:
+        case ast.Constant(value=value):
+            if isinstance(value, bool) or not isinstance(value, int | float):
+                raise ExpressionError(f"{value!r} is not a number")
+            _number(node)
+        case ast.Name(id=name):
+            if name in _FUNCTIONS or name in _EXTREMA:
+                raise ExpressionError(f'the function "{name}" needs its argument in brackets')
+            if name not in variables and name not in _CONSTANTS:
+                raise ExpressionError(f'unknown name "{name}"; accepted: {quoted((*variables, *_CONSTANTS))}')
+        case ast.UnaryOp(op=ast.USub() | ast.UAdd(), operand=operand):
+            check(operand)
+        case ast.BinOp(left=left, op=operator, right=right) if type(operator) in _OPERATORS:
+            check(left)
+            check(right)
+            if isinstance(operator, ast.Pow):
+                _check_exponent(right, variables)
+        case ast.Call(func=ast.Name(id=name), args=arguments, keywords=[]):
+            _check_call(name, arguments)
+            for argument in arguments:
+                check(argument)
+        case _:
+            raise ExpressionError(f"{_WORDS.get(type(node), type(node).__name__)} is not accepted in a formula")
+
+
+_WORDS: dict[type[ast.expr], str] = {
+    ast.BinOp: "an operator other than + - * / ^",
+    ast.UnaryOp: "an operator other than + - * / ^",
+    ast.Call: "such a function call",
+    ast.Attribute: "an attribute (a dot behind a name)",
+    ast.Tuple: "a list of values",
+    ast.Lambda: "a function definition",
+    ast.IfExp: "a condition",
+    ast.BoolOp: "a condition",
+    ast.Compare: "a comparison",
+    ast.Starred: "a star before a value",
+}
+
+
+def _check_call(name: str, arguments: list[ast.expr]) -> None:
+    accepted = (*_FUNCTIONS, *_EXTREMA)
+    if name not in accepted:
+        raise ExpressionError(f'unknown function "{name}"; accepted: {quoted(accepted)}')
+    if name in _EXTREMA and len(arguments) < 2:
+        raise ExpressionError(f'"{name}" takes two or more arguments')
+    if name in _FUNCTIONS and len(arguments) != 1:
+        raise ExpressionError(f'"{name}" takes one argument')
+
+
+def _check_exponent(node: ast.expr, variables: tuple[str, ...]) -> None:
+    if any(isinstance(inner, ast.Name) and inner.id in variables for inner in ast.walk(node)):
+        raise ExpressionError("an exponent must be a constant")
+    with np.errstate(all="ignore"):
+        exponent = float(_value(node, {}))
+    if not abs(exponent) <= MAX_EXPONENT:
+        raise ExpressionError(
+            f"the exponent {number_text(exponent)} is too large, at most {number_text(MAX_EXPONENT)} is accepted"
+        )
+
+
+def _number(node: ast.Constant) -> float:
+    value = node.value
+    assert isinstance(value, int | float)
+    try:
+        number = float(value)
+    except OverflowError:
+        number = math.inf
+    if not math.isfinite(number):
+        raise ExpressionError("a number is too large")
+    return number
+
+
+def _value(node: ast.expr, known: Mapping[str, Values]) -> Any:
+    match node:
+        case ast.Constant():
+            return np.float64(_number(node))
+        case ast.Name(id=name):
+            return known[name] if name in known else np.float64(_CONSTANTS[name])
+        case ast.UnaryOp(op=operator, operand=operand):
+            value = _value(operand, known)
+            return -value if isinstance(operator, ast.USub) else value
+        case ast.BinOp(left=left, op=operator, right=right):
+            return _OPERATORS[type(operator)][1](_value(left, known), _value(right, known))
+        case ast.Call(func=ast.Name(id=name), args=arguments):
+            values = [_value(argument, known) for argument in arguments]
+            return functools.reduce(_EXTREMA[name], values) if name in _EXTREMA else _FUNCTIONS[name](values[0])
+    raise AssertionError(f"unchecked node {type(node).__name__}")
+
+
+def _freefem(node: ast.expr, identifiers: Mapping[str, str]) -> str:
+    # Numbers as floats: FreeFEM divides whole numbers without remainder.
+    match node:
+        case ast.Constant():
+            return repr(_number(node))
+        case ast.Name(id=name):
+            return identifiers.get(name, name)
+        case ast.UnaryOp(op=operator, operand=operand):
+            if isinstance(operator, ast.UAdd):
+                return _freefem(operand, identifiers)
+            return f"-{_bracket(operand, identifiers, 4)}"
+        case ast.BinOp(left=left, op=operator, right=right):
+            rank = _rank(node)
+            # Same rank on the right needs brackets; powers get them on both sides.
+            first = _bracket(left, identifiers, rank + 1 if isinstance(operator, ast.Pow) else rank)
+            return f"{first} {_OPERATORS[type(operator)][0]} {_bracket(right, identifiers, rank + 1)}"
+        case ast.Call(func=ast.Name(id=name), args=arguments):
+            texts = [_freefem(argument, identifiers) for argument in arguments]
+            if name in _EXTREMA:  # of two at a time
+                return functools.reduce(lambda left, right: f"{name}({left}, {right})", texts)
+            return f"{name}({texts[0]})"
+    raise AssertionError(f"unchecked node {type(node).__name__}")
+
+
+def _rank(node: ast.expr) -> int:
+    """Return how strongly the outermost operation binds: 0 sign, 1 sum, 2 product, 3 power, 4 nothing to bind."""
+    match node:
+        case ast.UnaryOp(op=ast.UAdd(), operand=operand):
+            return _rank(operand)
+        case ast.UnaryOp():
+            return 0
+        case ast.BinOp(op=ast.Add() | ast.Sub()):
+            return 1
+        case ast.BinOp(op=ast.Pow()):
+            return 3
+        case ast.BinOp():
+            return 2
+    return 4
+
+
+def _bracket(node: ast.expr, identifiers: Mapping[str, str], rank: int) -> str:
+    text = _freefem(node, identifiers)
+    return text if _rank(node) >= rank else f"({text})"

@@ -1,0 +1,58 @@
+"""Scenes by case name or from a file."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from ffsi.scene.catalogue import CASES
+from ffsi.scene.errors import Problem, SceneError, names, nearest, short
+from ffsi.scene.model import Scene
+from ffsi.scene.overrides import parse_overrides, with_values
+from ffsi.scene.toml import parse_toml
+
+MAX_BYTES = 1_000_000
+
+
+def load_scene(case_or_path: str | Path, overrides: Sequence[str] = ()) -> Scene:
+    """Return a scene of the catalogue or of a TOML file, with some values changed.
+
+    Args:
+        case_or_path: name of a case, or path of a TOML file; a case's name comes first.
+        overrides: ``key=value`` texts, such as ``fluid.viscosity=3.5 mPa s``.
+
+    Raises:
+        SceneError: there is no such case or file, or a key or value is not valid.
+    """
+    try:
+        scene = CASES[case_or_path] if isinstance(case_or_path, str) and case_or_path in CASES else _find(case_or_path)
+    except OSError as error:
+        raise SceneError([Problem("scene", f"cannot be read: {error.strerror}", short(str(case_or_path)))]) from None
+    values = parse_overrides(overrides)
+    return with_values(scene, values) if values else scene
+
+
+def _find(case_or_path: str | Path) -> Scene:
+    path = Path(case_or_path)
+    if path.is_file():
+        return Scene.model_validate(parse_toml(_read(path), path.name))
+    if path.is_dir():
+        inner = path / "scene.toml"
+        guess = str(inner) if inner.is_file() else None
+        text = "this is a folder; the name of a case or of a TOML file is accepted"
+        raise SceneError([Problem("scene", text, short(str(path)), guess)])
+    if path.name == str(case_or_path) and path.suffix != ".toml":
+        text = f"no such case and no such file; cases: {names(CASES)}"
+        raise SceneError([Problem("case", text, short(str(path)), nearest(path.name, CASES))])
+    siblings = [str(other) for other in sorted(path.parent.glob("*.toml"))] if path.parent.is_dir() else []
+    guess = nearest(str(path), siblings) or nearest(path.stem, CASES)
+    raise SceneError([Problem("scene", "no such file", short(str(path)), guess)])
+
+
+def _read(path: Path) -> str:
+    if path.stat().st_size > MAX_BYTES:
+        raise SceneError([Problem("scene", f"a file of at most {MAX_BYTES} bytes is accepted", short(str(path)))])
+    try:
+        return path.read_bytes().decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise SceneError([Problem("scene", "not a text file in UTF-8; TOML is accepted", short(str(path)))]) from None

@@ -1,0 +1,104 @@
+"""What every geometry offers."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import ClassVar, Literal, Self
+
+from pydantic import model_validator
+
+from ffsi.scene.base import Table, refuse
+from ffsi.scene.boundaries import Boundary, Role
+from ffsi.scene.errors import Problem, number_text, short
+
+Physics = Literal["fluid", "solid", "fsi"]
+
+
+@dataclass(frozen=True)
+class ElementSizes:
+    """Element sizes at mesh level 0.
+
+    Args:
+        growth: largest increase of the element size per unit length, dimensionless.
+        far_size: size away from the bodies, m.
+        body_size: size along the bodies, m.
+        corner_size: size at the corners of the bodies, m.
+    """
+
+    growth: float
+    far_size: float
+    body_size: float
+    corner_size: float
+
+
+class GeometryBase(Table, ABC):
+    """A reference domain; lengths in m.
+
+    Raises:
+        SceneError: the parts do not fit together.
+    """
+
+    default_sizes: ClassVar[ElementSizes]
+
+    @property
+    @abstractmethod
+    def channel_height(self) -> float:
+        """Height H of the channel at the inlet, y from 0 to H, m."""
+
+    @property
+    @abstractmethod
+    def solid_names(self) -> tuple[str, ...]:
+        """Names of the solids that the geometry can hold."""
+
+    @property
+    @abstractmethod
+    def tip(self) -> tuple[float, float] | None:
+        """Reference point (x, y) in m where tip_ux and tip_uy are taken; None if nothing can move."""
+
+    @property
+    @abstractmethod
+    def reference_length(self) -> float:
+        """Length in m that the force coefficients take by default."""
+
+    @abstractmethod
+    def exact_areas(self, physics: Physics) -> dict[str, float]:
+        """Return the area in m^2 of every region, in the regions' order: "fluid", then the solids by name.
+
+        Arcs count as arcs, so a mesh of straight triangles differs by O(h^2).
+        """
+
+    @abstractmethod
+    def boundaries(self, physics: Physics) -> list[Boundary]:
+        """Return the boundaries that the physics has."""
+
+    @abstractmethod
+    def problems(self) -> list[Problem]:
+        """Return what does not fit together."""
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        refuse(self.problems())
+        return self
+
+    def _keep(self, areas: dict[str, float], physics: Physics) -> dict[str, float]:
+        unwanted = {"fluid": self.solid_names, "solid": ("fluid",), "fsi": ()}[physics]
+        return {name: area for name, area in areas.items() if name not in unwanted}
+
+    def _not_below(self, key: str, value: float, limit: float, limit_text: str) -> list[Problem]:
+        """Return a problem of ``key`` unless value < limit."""
+        if value < limit:
+            return []
+        return [Problem(key, f"must be less than {limit_text} = {number_text(limit)} m", f"{short(value)} m")]
+
+    def _not_above(self, key: str, value: float, limit: float, limit_text: str) -> list[Problem]:
+        """Return a problem of ``key`` unless value > limit."""
+        if value > limit:
+            return []
+        return [Problem(key, f"must be greater than {limit_text} = {number_text(limit)} m", f"{short(value)} m")]
+
+
+def surface_role(physics: Physics) -> Role:
+    """Return the role of a body's surface: interface, rigid wall or free side."""
+    roles: dict[Physics, Role] = {"fsi": "interface", "fluid": "no-slip", "solid": "free"}
+    return roles[physics]

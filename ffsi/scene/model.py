@@ -1,0 +1,197 @@
+"""The scene: everything that defines one computation."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydantic import Field, ValidationInfo, field_validator, model_validator
+
+from ffsi.scene.base import Table, refuse
+from ffsi.scene.errors import Problem, SceneError, join, names, nearest, short
+from ffsi.scene.flow import Forces, Gravity, Inflow, Outlet
+from ffsi.scene.geometry import ElementSizes, FlapChannel, Geometry, GeometryBase, Physics
+from ffsi.scene.materials import Fluid, Solid
+from ffsi.scene.numerics import Mesh, MeshMotion, Output, Solver
+from ffsi.scene.toml import parse_toml, write_toml
+
+MAX_DESCRIPTION = 200
+_NAME = re.compile(r"[a-z][a-z0-9-]{0,63}")
+
+
+class Scene(Table):
+    """One steady computation: a fluid, a solid or both in a reference domain.
+
+    What is left out is filled in where it can be: element sizes, the reference length of the forces and the mesh
+    motion. So `to_toml` writes everything that the computation uses.
+
+    Raises:
+        SceneError: a key or value is not valid, or the tables do not fit together.
+    """
+
+    name: str = Field(description="name: a small letter, then small letters, digits and dashes, at most 64 in all")
+    description: str = Field("", description="one line of plain text, at most 200 characters")
+    geometry: Geometry = Field(description='reference domain, chosen by its "kind"; lengths in m')
+    mesh: Mesh = Field(default_factory=Mesh, description="element sizes in m")
+    fluid: Fluid | None = Field(None, description="the fluid; a scene without it is a pure solid")
+    solid: dict[str, Solid] = Field(
+        default_factory=dict, description="solids by name; without any, the bodies are rigid"
+    )
+    mesh_motion: MeshMotion | None = Field(None, description="motion of the fluid mesh, only with fluid and solid")
+    gravity: Gravity | None = Field(None, description="acceleration by gravity in m/s^2; none if absent")
+    inflow: Inflow | None = Field(None, description="velocity at the inlet in m/s, needed with a fluid")
+    outlet: Outlet | None = Field(None, description="condition at the outlet, needed with a fluid")
+    forces: Forces | None = Field(None, description="scale of the force coefficients, reference length in m")
+    solver: Solver = Field(default_factory=Solver, description="Newton's method and the linear solver")
+    output: Output = Field(default_factory=Output, description="what is written beside the results")
+
+    # Validation ---------------------------------------------------------------------------------------------------
+
+    @field_validator("name")
+    @classmethod
+    def _plain_name(cls, name: str) -> str:
+        if not _NAME.fullmatch(name):
+            text = "accepted: a small letter, then small letters, digits and dashes, at most 64 in all"
+            refuse([Problem("", text, short(name))])
+        return name
+
+    @field_validator("description")
+    @classmethod
+    def _plain_text(cls, description: str) -> str:
+        if len(description) > MAX_DESCRIPTION or not description.isprintable():
+            text = f"accepted: one line of printable text, at most {MAX_DESCRIPTION} characters"
+            refuse([Problem("", text, short(description))])
+        return description
+
+    @field_validator("solid", mode="before")
+    @classmethod
+    def _names_of_geometry(cls, solid: Any, info: ValidationInfo) -> Any:
+        geometry = info.data.get("geometry")
+        if isinstance(solid, Mapping) and isinstance(geometry, GeometryBase):
+            refuse([_unknown_solid(str(name), geometry) for name in solid if name not in geometry.solid_names])
+        return solid
+
+    @model_validator(mode="after")
+    def _complete(self) -> Self:
+        refuse([*self._physics_problems(), *self._mesh_problems(), *self._inflow_problems()])
+        sizes = {key: getattr(self.mesh, key) for key in ElementSizes.__dataclass_fields__}
+        missing = {key: getattr(self.geometry.default_sizes, key) for key, size in sizes.items() if size is None}
+        if missing:
+            self._fill("mesh", self.mesh.model_copy(update=missing))
+        if self.fluid and self.forces is None:
+            self._fill("forces", Forces(reference_length=self.geometry.reference_length))
+        if self.fluid and self.solid and self.mesh_motion is None:
+            self._fill("mesh_motion", MeshMotion())
+        return self
+
+    def _fill(self, key: str, value: Table) -> None:
+        # Still under construction: the only place where a table of a scene is set.
+        object.__setattr__(self, key, value)
+
+    def _physics_problems(self) -> Iterator[Problem]:
+        if self.fluid is None and not self.solid:
+            yield Problem("fluid", "missing; a scene needs a fluid, a solid or both")
+            return
+        for key in ("inflow", "outlet"):
+            if self.fluid and getattr(self, key) is None:
+                yield Problem(key, f"missing; {type(self).model_fields[key].description}")
+        for key in ("inflow", "outlet", "forces"):
+            if self.fluid is None and getattr(self, key) is not None:
+                yield Problem(key, "only accepted in a scene with a fluid")
+        if self.mesh_motion is not None and not (self.fluid and self.solid):
+            yield Problem("mesh_motion", "only accepted in a scene with a fluid and a solid")
+
+    def _mesh_problems(self) -> Iterator[Problem]:
+        if self.mesh.root_size is not None and not isinstance(self.geometry, FlapChannel):
+            text = f'only accepted with the geometry "flap-channel", this one is "{self.geometry.kind}"'
+            yield Problem("mesh.root_size", text, f"{short(self.mesh.root_size)} m")
+
+    def _inflow_problems(self) -> Iterator[Problem]:
+        if self.inflow is None:
+            return
+        height = self.geometry.channel_height
+        y = np.linspace(0.0, height, 201)
+        bad = y[~np.isfinite(self.inflow.expression.evaluate(y=y, H=height))]
+        if bad.size:
+            text = f"not finite at y = {bad[0]:.4g} m; accepted: a formula that is defined for y from 0 to H"
+            yield Problem("inflow.profile", text, short(self.inflow.profile))
+
+    # What follows from the values ---------------------------------------------------------------------------------
+
+    @property
+    def physics(self) -> Physics:
+        """Which equations are solved: "fluid" (bodies rigid), "solid" or "fsi"."""
+        if self.fluid is None:
+            return "solid"
+        return "fsi" if self.solid else "fluid"
+
+    @property
+    def element_sizes(self) -> ElementSizes:
+        """Element sizes at level 0, before the size factor, m."""
+        mesh = self.mesh
+        assert mesh.growth and mesh.far_size and mesh.body_size and mesh.corner_size
+        return ElementSizes(mesh.growth, mesh.far_size, mesh.body_size, mesh.corner_size)
+
+    @property
+    def tip(self) -> tuple[float, float] | None:
+        """Reference point (x, y) in m of tip_ux and tip_uy; None if nothing moves."""
+        return self.geometry.tip if self.solid else None
+
+    def exact_areas(self) -> dict[str, float]:
+        """Return the area in m^2 of every region, in the regions' order."""
+        return self.geometry.exact_areas(self.physics)
+
+    def inflow_profile(self) -> Callable[[ArrayLike], NDArray[np.float64]]:
+        """Return the function y (m, 0 to channel height) -> v_x (m/s) at the inlet.
+
+        Raises:
+            SceneError: the scene has no fluid.
+        """
+        if self.inflow is None:
+            raise SceneError([Problem("inflow", "a scene without a fluid has none")])
+        mean, expression, height = self.inflow.mean_velocity, self.inflow.expression, self.geometry.channel_height
+        return lambda y: mean * expression.evaluate(y=y, H=height)
+
+    def parameters(self) -> dict[str, int | float]:
+        """Return every number of the scene by its dotted key, in SI, in the scene's order."""
+        return dict(_numbers(self.model_dump()))
+
+    # TOML ---------------------------------------------------------------------------------------------------------
+
+    @classmethod
+    def from_toml(cls, text: str) -> Self:
+        """Read a scene.
+
+        Raises:
+            SceneError: the text is no TOML or no valid scene.
+        """
+        return cls.model_validate(parse_toml(text))
+
+    def to_toml(self) -> str:
+        """Return the whole scene, defaults included; `from_toml` reads an equal one."""
+        table = self.model_dump(exclude_none=True)
+        return write_toml({key: value for key, value in table.items() if value != {}})
+
+
+def _unknown_solid(name: str, geometry: GeometryBase) -> Problem:
+    """Return the problem of a name in the table "solid" that the geometry does not hold."""
+    valid = geometry.solid_names
+    kind = getattr(geometry, "kind", "")
+    if not valid:
+        text = f'the geometry "{kind}" holds no solid unless geometry.beam is given'
+        return Problem(name, text)
+    guess = nearest(name, valid)
+    text = f'unknown solid; the geometry "{kind}" holds {names(valid)}'
+    return Problem(name, text, None, guess and f"solid.{guess}")
+
+
+def _numbers(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, int | float]]:
+    for name, value in table.items():
+        key = join(prefix, name)
+        if isinstance(value, Mapping):
+            yield from _numbers(value, key)
+        elif isinstance(value, int | float) and not isinstance(value, bool):
+            yield key, value

@@ -1,0 +1,68 @@
+"""Mesh, mesh motion, Newton's method and output."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field, StrictBool
+
+from ffsi.scene.base import Table
+from ffsi.scene.units import Count, Duration, Length, NonNegativeNumber, PositiveNumber, Quantity
+
+
+class Mesh(Table):
+    """The mesh; in a `Scene` the sizes that are not given have the geometry's defaults."""
+
+    level: Annotated[int, Count(0, 4)] = Field(2, description="refinement level 0 to 4 (dimensionless)")
+    size_factor: PositiveNumber = Field(1.0, description="factor on every element size, dimensionless")
+    growth: PositiveNumber | None = Field(
+        None, description="largest increase of the element size per unit length, dimensionless"
+    )
+    far_size: Length | None = Field(None, description="element size away from the bodies at level 0, m")
+    body_size: Length | None = Field(None, description="element size along the bodies at level 0, m")
+    corner_size: Length | None = Field(None, description="element size at the bodies' corners at level 0, m")
+    root_size: Length | None = Field(
+        None, description="flap-channel only: element size at the flap's two root corners at every level, m"
+    )
+
+
+class MeshMotion(Table):
+    """How the fluid mesh follows the solid: int alpha (grad u : grad z + beta div u div z) = 0."""
+
+    kind: Literal["harmonic"] = Field("harmonic", description='equation of the mesh motion: "harmonic"')
+    stiffness_exponent: NonNegativeNumber = Field(
+        1.0, description="exponent m of alpha = (largest area / area)^m, dimensionless"
+    )
+    divergence_weight: NonNegativeNumber = Field(1.0, description="weight beta of the divergence, dimensionless")
+
+
+class Solver(Table):
+    """Newton's method and the linear solver."""
+
+    jacobian: Literal["divided-difference"] = Field("divided-difference", description="how the Jacobian is computed")
+    tolerance: Annotated[float, Quantity("1", above=0.0, below=1.0)] = Field(
+        1e-10, description="largest accepted relative residual, dimensionless"
+    )
+    max_iterations: Annotated[int, Count(1, 1000)] = Field(
+        25, description="largest number of Newton iterations (dimensionless)"
+    )
+    minimum_jacobian: Annotated[float, Quantity("1", at_least=0.0, below=0.5)] = Field(
+        1e-3, description="the line search refuses steps with J = det F at or below this, dimensionless"
+    )
+    start: Literal["coarse", "rest"] = Field(
+        "coarse", description='first guess: "coarse" (solution of the coarser levels) or "rest"'
+    )
+    reuse_ratio: Annotated[float, Quantity("1", at_least=0.0, below=1.0)] = Field(
+        0.1,
+        description="factors are kept while the residual falls at least by this factor; 0: new ones in every "
+        "iteration, dimensionless",
+    )
+    linear_solver: Literal["mumps", "umfpack"] = Field("mumps", description='sparse LU: "mumps" or "umfpack"')
+    time_limit: Duration | None = Field(None, description="wall-clock time after which the run is stopped, s")
+
+
+class Output(Table):
+    """What is written beside the results."""
+
+    vtu: StrictBool = Field(True, description="write fields.vtu for ParaView (true or false)")
+    pictures: StrictBool = Field(True, description="write pictures of the fields (true or false)")

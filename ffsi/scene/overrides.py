@@ -1,0 +1,95 @@
+"""A scene with some values changed: from `key=value` texts or from a dictionary of dotted keys."""
+
+from __future__ import annotations
+
+import copy
+import re
+import tomllib
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from ffsi.scene.errors import Problem, SceneError, short
+from ffsi.scene.materials import ELASTIC_CONSTANTS, ELASTIC_PAIRS, PAIRS_TEXT, CompressibleElastic
+from ffsi.scene.model import Scene
+
+_KEY = re.compile(r"[A-Za-z0-9_-]+(\.[A-Za-z0-9_-]+)*")
+
+
+def parse_overrides(overrides: Iterable[str]) -> dict[str, Any]:
+    """Return dotted keys and values of texts like ``fluid.viscosity=3.5 mPa s``; of a repeated key the last.
+
+    A value is read as TOML if that is possible (numbers, true, "text", tables), else as plain text.
+
+    Raises:
+        SceneError: a text is not ``key=value``.
+    """
+    values: dict[str, Any] = {}
+    problems = []
+    for text in overrides:
+        key, equals, value = text.partition("=")
+        key = key.strip()
+        if not equals or not _KEY.fullmatch(key):
+            problems.append(Problem("override", "accepted: key=value, such as mesh.level=1", short(text)))
+        else:
+            values[key] = _literal(value.strip())
+    if problems:
+        raise SceneError(problems)
+    return values
+
+
+def with_values(scene: Scene, values: Mapping[str, Any]) -> Scene:
+    """Return the scene with some values changed, checked anew.
+
+    Args:
+        scene: where the other values come from.
+        values: new values by dotted key, such as ``{"inflow.mean_velocity": 0.06}``; a complete new pair of elastic
+            constants replaces the scene's pair.
+
+    Raises:
+        SceneError: a key or value is not valid.
+    """
+    table = scene.model_dump(exclude_none=True)
+    problems = []
+    if values.get("geometry.kind", scene.geometry.kind) != scene.geometry.kind:
+        text = f'the scene has the geometry "{scene.geometry.kind}"; another one needs another scene'
+        problems.append(Problem("geometry.kind", text, short(values["geometry.kind"])))
+    for name, solid in scene.solid.items():
+        prefix = f"solid.{name}."
+        given = [constant for constant in ELASTIC_CONSTANTS if prefix + constant in values]
+        problems += _choose_pair(prefix, solid, given, table["solid"][name])
+    for key, value in values.items():
+        problems += _put(table, key, value)
+    if problems:
+        raise SceneError(problems)
+    return Scene.model_validate(table)
+
+
+def _choose_pair(prefix: str, solid: CompressibleElastic, given: Sequence[str], table: dict[str, Any]) -> list[Problem]:
+    """Remove the scene's elastic constants from the table if a whole pair is given; refuse a mixture."""
+    in_use = solid.elastic_pair
+    if any(set(pair) == set(given) for pair in ELASTIC_PAIRS):
+        for name in in_use:
+            del table[name]
+        return []
+    text = f"the scene uses the pair ({', '.join(in_use)}): change one of these, or give one whole pair of {PAIRS_TEXT}"
+    return [Problem(prefix + name, text) for name in given if name not in in_use]
+
+
+def _put(table: dict[str, Any], key: str, value: Any) -> list[Problem]:
+    """Set the value in nested tables; tables that are missing are added."""
+    *path, last = key.split(".")
+    for depth, name in enumerate(path):
+        table = table.setdefault(name, {})
+        if not isinstance(table, dict):
+            return [Problem(key, f"{'.'.join(path[: depth + 1])} is a single value, it has no keys")]
+    table[last] = copy.deepcopy(value)
+    return []
+
+
+def _literal(text: str) -> Any:
+    try:
+        table = tomllib.loads(f"value = {text}")
+    except (ValueError, RecursionError):
+        return text
+    value = table["value"]
+    return value if set(table) == {"value"} and isinstance(value, int | float | str | list | dict) else text

@@ -1,0 +1,190 @@
+"""Numbers with units: a value is a number in SI or a string with a unit, such as "3.5 mPa s"."""
+
+from __future__ import annotations
+
+import functools
+import math
+import numbers
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from decimal import Decimal
+from typing import Annotated, Any, cast
+
+import pint
+from pydantic import GetCoreSchemaHandler
+from pydantic_core import CoreSchema, PydanticCustomError, core_schema
+
+from ffsi.scene.errors import number_text
+
+_LIMIT = 60
+_NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,3})?)(?![\d.])\s*(.*?)\s*", re.DOTALL)
+_FACTOR = r"[A-Za-zµμ]+(?:(?:\^|\*\*)?-?\d)?"
+_PRODUCT = rf"{_FACTOR}(?:\s*[ *.·]\s*{_FACTOR})*"
+# After "/" either one unit or a bracket: "kg/m s" could mean two things.
+_UNIT = re.compile(rf"{_PRODUCT}(?:\s*/\s*(?:{_FACTOR}|\(\s*{_PRODUCT}\s*\)))*")
+_EXAMPLES = {
+    "m": "20 cm",
+    "m/s": "12 mm/s",
+    "m/s^2": "981 cm/s^2",
+    "kg/m^3": "1 g/cm^3",
+    "Pa s": "3.5 mPa s",
+    "Pa": "0.5 MPa",
+    "s": "10 min",
+}
+
+
+@functools.cache
+def _registry() -> pint.UnitRegistry[Any]:
+    # Decimal keeps "3.5 mPa s" at exactly 0.0035. Loaded on first use: it takes a noticeable fraction of a second.
+    return pint.UnitRegistry(non_int_type=Decimal)
+
+
+def _canonical(unit: str) -> str:
+    """Return the unit in the form that pint reads: "mPa s" -> "mPa*s", "kg/m3" -> "kg/m**3"."""
+    unit = re.sub(r"\s*[*.·](?!\*)\s*(?=[A-Za-zµμ])|(?<=[\w)])\s+(?=[A-Za-zµμ])", "*", unit)
+    return re.sub(r"(?<=[A-Za-zµμ])(?:\^|\*\*)?(-?\d)", r"**(\1)", unit)
+
+
+def to_si(text: str, unit: str) -> float:
+    """Convert a string with a unit to a number in an SI unit.
+
+    Args:
+        text: number and unit, such as "3.5 mPa s", "1 g/cm^3" or "0.012 m/s".
+        unit: the SI unit of the result, such as "Pa s".
+
+    Returns:
+        The value in ``unit``.
+
+    Raises:
+        ValueError: the text is no number with a unit, the unit is unknown or has another dimension.
+    """
+    text = text.replace("²", "^2").replace("³", "^3")
+    found = _NUMBER.fullmatch(text) if len(text) <= _LIMIT else None
+    if found is None:
+        raise ValueError("not a number with a unit")
+    number, given = found.groups()
+    if not given:
+        raise ValueError("the unit is missing")
+    if not _UNIT.fullmatch(given):
+        raise ValueError(f'"{given}" cannot be read as a unit (write it like "mPa s" or "kg/(m s)")')
+    registry = _registry()
+    try:
+        quantity = registry.Quantity(Decimal(number), _canonical(given))
+        return float(quantity.to(_canonical(unit)).magnitude)
+    except pint.UndefinedUnitError as error:
+        unknown = error.unit_names if isinstance(error.unit_names, str) else ", ".join(error.unit_names)
+        raise ValueError(f'"{unknown}" is not a known unit') from None
+    except pint.DimensionalityError:
+        raise ValueError(f'"{given}" has the wrong dimension') from None
+    except (pint.PintError, ArithmeticError, TypeError, ValueError):
+        raise ValueError(f'"{given}" cannot be converted to {unit}') from None
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """Annotation of a float field: its SI unit and the range that is accepted.
+
+    Args:
+        unit: SI unit, "1" for a number without dimension.
+        above: exclusive lower bound in ``unit``.
+        at_least: inclusive lower bound in ``unit``.
+        below: exclusive upper bound in ``unit``.
+    """
+
+    unit: str
+    above: float | None = None
+    at_least: float | None = None
+    below: float | None = None
+
+    @property
+    def accepted(self) -> str:
+        """Description of the values that are accepted."""
+        bounds = ((">", self.above), (">=", self.at_least), ("<", self.below))
+        limits = " and ".join(f"{sign} {number_text(bound)}" for sign, bound in bounds if bound is not None)
+        text = f"a number {limits}".rstrip()
+        if self.unit == "1":
+            return text
+        return f'{text} in {self.unit}, or a string with a unit such as "{_EXAMPLES[self.unit]}"'
+
+    def __call__(self, value: Any) -> float:
+        """Return the value in SI.
+
+        Raises:
+            PydanticCustomError: it is no finite number, has a wrong dimension or is out of range.
+        """
+        if isinstance(value, str):
+            if self.unit == "1":
+                raise self._refused("text is not accepted here")
+            try:
+                number = to_si(value, self.unit)
+            except ValueError as error:
+                raise self._refused(str(error)) from None
+        elif isinstance(value, bool) or not isinstance(value, numbers.Real):
+            raise self._refused("not a number")
+        else:
+            try:
+                number = float(value)
+            except OverflowError:
+                raise self._refused("too large") from None
+        if not math.isfinite(number):
+            raise self._refused("not a finite number")
+        inside = (
+            (self.above is None or number > self.above)
+            and (self.at_least is None or number >= self.at_least)
+            and (self.below is None or number < self.below)
+        )
+        if not inside:
+            raise self._refused("out of range")
+        return number
+
+    def _refused(self, reason: str) -> PydanticCustomError:
+        return PydanticCustomError("quantity", "{text}", {"text": f"{reason}; accepted: {self.accepted}"})
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        """Let pydantic validate the field by this object."""
+        return core_schema.no_info_plain_validator_function(cast(Callable[[Any], float], self))
+
+
+@dataclass(frozen=True)
+class Count:
+    """Annotation of a whole-number field with inclusive bounds."""
+
+    minimum: int
+    maximum: int
+
+    @property
+    def accepted(self) -> str:
+        """Description of the values that are accepted."""
+        return f"a whole number from {self.minimum} to {self.maximum}"
+
+    def __call__(self, value: Any) -> int:
+        """Return the value as int; 2.0 counts as 2.
+
+        Raises:
+            PydanticCustomError: it is no whole number or out of range.
+        """
+        is_number = isinstance(value, numbers.Real) and not isinstance(value, bool)
+        if not is_number or not math.isfinite(value) or value != int(value):
+            raise PydanticCustomError("count", "{text}", {"text": f"not a whole number; accepted: {self.accepted}"})
+        if not self.minimum <= value <= self.maximum:
+            raise PydanticCustomError("count", "{text}", {"text": f"out of range; accepted: {self.accepted}"})
+        return int(value)
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        """Let pydantic validate the field by this object."""
+        return core_schema.no_info_plain_validator_function(cast(Callable[[Any], int], self))
+
+
+Number = Annotated[float, Quantity("1")]
+PositiveNumber = Annotated[float, Quantity("1", above=0.0)]
+NonNegativeNumber = Annotated[float, Quantity("1", at_least=0.0)]
+Length = Annotated[float, Quantity("m", above=0.0)]
+Coordinate = Annotated[float, Quantity("m")]
+Speed = Annotated[float, Quantity("m/s", at_least=0.0)]
+Acceleration = Annotated[float, Quantity("m/s^2")]
+Density = Annotated[float, Quantity("kg/m^3", above=0.0)]
+Viscosity = Annotated[float, Quantity("Pa s", above=0.0)]
+Modulus = Annotated[float, Quantity("Pa", above=0.0)]
+Stress = Annotated[float, Quantity("Pa")]
+Duration = Annotated[float, Quantity("s", above=0.0)]

@@ -1,0 +1,139 @@
+"""From pydantic's validation errors to problems in the words of the scene."""
+
+from __future__ import annotations
+
+import re
+import types
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Union, get_args, get_origin
+
+from pydantic import BaseModel, ValidationError
+
+from ffsi.scene.errors import Problem, join, names, nearest, short
+
+if TYPE_CHECKING:
+    from pydantic_core import ErrorDetails
+
+Model = type[BaseModel]
+
+
+def scene_problems(error: ValidationError, root: Model) -> list[Problem]:
+    """Return the problems that a validation error of the model ``root`` stands for."""
+    return [problem for detail in error.errors(include_url=False) for problem in _problems(detail, root)]
+
+
+def _problems(detail: ErrorDetails, root: Model) -> list[Problem]:
+    kind, location, value = detail["type"], detail["loc"], detail["input"]
+    context: dict[str, Any] = dict(detail.get("ctx", {}))
+    key, table = _locate(root, location)
+    match kind:
+        case "problems":
+            problems: Sequence[Problem] = context["problems"]
+            return [problem.below(key) for problem in problems]
+        case "missing":
+            field = table.model_fields.get(str(location[-1])) if table else None
+            meaning = field.description if field and field.description else "a value is needed"
+            return [Problem(key, f"missing; {meaning}")]
+        case "extra_forbidden":
+            return [_unknown_key(key, value, table, root)]
+        case "literal_error":
+            return [_unknown_name(key, value, _quoted(str(context["expected"])))]
+        case "union_tag_invalid":
+            tag = context["discriminator"].strip("'")
+            given = value.get(tag) if isinstance(value, dict) else context["tag"]
+            return [_unknown_name(join(key, tag), given, _quoted(str(context["expected_tags"])))]
+        case "union_tag_not_found":
+            tag = context["discriminator"].strip("'")
+            accepted = [name for model in _models_at(root, location) for name in _literals(model, tag)]
+            return [Problem(join(key, tag), f"missing; accepted: {names(accepted)}")]
+        case "model_type" | "model_attributes_type" | "dict_type":
+            return [Problem(key or "scene", "must be a table of keys and values", short(value))]
+        case "bool_type":
+            return [Problem(key, "accepted: true or false", short(value))]
+        case "string_type":
+            return [Problem(key, "accepted: text in quotes", short(value))]
+        case _:
+            return [Problem(key, detail["msg"].removeprefix("Value error, "), short(value))]
+
+
+def _unknown_name(key: str, value: Any, accepted: list[str]) -> Problem:
+    guess = nearest(value, accepted) if isinstance(value, str) else None
+    return Problem(key, f"accepted: {names(accepted)}", short(value), guess)
+
+
+def _unknown_key(key: str, value: Any, table: Model | None, root: Model) -> Problem:
+    prefix, _, name = key.rpartition(".")
+    siblings = list(table.model_fields) if table else []
+    guess = nearest(name, siblings)
+    if guess is not None:
+        guess = join(prefix, guess)
+    else:
+        by_name = {full.rpartition(".")[2]: full for full in _all_keys(root)}
+        found = nearest(name, by_name)
+        guess = by_name[found] if found else None
+    where = f'"{prefix}"' if prefix else "the scene"
+    return Problem(key, f"unknown key; {where} has {names(siblings)}", short(value), guess)
+
+
+def _quoted(text: str) -> list[str]:
+    return re.findall(r"'([^']*)'", text)
+
+
+# Walking along a location through the models ------------------------------------------------------------------
+
+
+def _members(annotation: Any) -> list[Any]:
+    """Return the alternatives of an annotation without None, and without Annotated around it."""
+    if get_origin(annotation) is Annotated:
+        return _members(get_args(annotation)[0])
+    if get_origin(annotation) in (Union, types.UnionType):
+        return [member for part in get_args(annotation) for member in _members(part) if member is not types.NoneType]
+    return [annotation]
+
+
+def _models(annotation: Any) -> list[Model]:
+    return [member for member in _members(annotation) if isinstance(member, type) and issubclass(member, BaseModel)]
+
+
+def _literals(model: Model, field: str) -> list[str]:
+    annotation = model.model_fields[field].annotation if field in model.model_fields else None
+    return list(get_args(annotation)) if get_origin(annotation) is Literal else []
+
+
+def _walk(root: Model, location: tuple[int | str, ...]) -> Iterator[tuple[list[str], list[Model]]]:
+    """Yield the dotted key and the possible models after each step; tags of unions are no keys."""
+    key: list[str] = []
+    annotation: Any = root
+    yield key, _models(annotation)
+    for item in location:
+        models = _models(annotation)
+        tagged = [model for model in models if any(item in _literals(model, name) for name in ("kind", "material"))]
+        if len(models) > 1 and tagged:
+            annotation = tagged[0]
+        else:
+            key = [*key, str(item)]
+            if models:
+                field = models[0].model_fields.get(str(item)) if len(models) == 1 else None
+                annotation = field.annotation if field else None
+            else:
+                tables = [member for member in _members(annotation) if get_origin(member) is dict]
+                annotation = get_args(tables[0])[1] if tables else None
+        yield key, _models(annotation)
+
+
+def _locate(root: Model, location: tuple[int | str, ...]) -> tuple[str, Model | None]:
+    """Return the dotted key of a location and the model that holds its last item."""
+    steps = list(_walk(root, location))
+    holders = steps[-2][1] if len(steps) > 1 else steps[0][1]
+    return ".".join(steps[-1][0]), holders[0] if len(holders) == 1 else None
+
+
+def _models_at(root: Model, location: tuple[int | str, ...]) -> list[Model]:
+    return list(_walk(root, location))[-1][1]
+
+
+def _all_keys(model: Model, prefix: str = "") -> Iterator[str]:
+    for name, field in model.model_fields.items():
+        yield join(prefix, name)
+        for inner in _models(field.annotation):
+            yield from _all_keys(inner, join(prefix, name))

@@ -1,0 +1,181 @@
+"""What the command line prints: tables on stdout, notes and errors on stderr."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pandas as pd
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from ffsi.progress import ProgressDisplay
+from ffsi.references import Reference, references_for
+from ffsi.result import Result, flatten, unit
+from ffsi.scene import CASES
+
+if TYPE_CHECKING:
+    from ffsi.reference import CheckReport
+
+# Quantities that only help to diagnose; they are in result.json.
+MINOR = ("_surface", "_x", "_y", "drag_cylinder", "lift_cylinder", "drag_beam", "lift_beam")
+
+
+def _out() -> Console:
+    console = Console(highlight=False)
+    return console if console.is_terminal else Console(highlight=False, width=160)  # a file has no narrow lines
+
+
+def error(message: str) -> None:
+    """Print an error on stderr, as it is."""
+    Console(stderr=True, highlight=False).print(Text("error: ", style="bold red") + Text(message), soft_wrap=True)
+
+
+def note(message: str) -> None:
+    """Print a note on stderr."""
+    Console(stderr=True, highlight=False).print(Text(message), soft_wrap=True)
+
+
+def progress(case: str = "", points: int | None = None) -> ProgressDisplay:
+    """Return the live line on stderr, to be used as a context manager and listener."""
+    return ProgressDisplay(case, points)
+
+
+def catalogue() -> list[dict[str, Any]]:
+    """Return name, physics and description of every case."""
+    return [{"name": name, "physics": scene.physics, "description": scene.description} for name, scene in CASES.items()]
+
+
+def cases(entries: Sequence[Mapping[str, Any]]) -> None:
+    """Print the catalogue."""
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for column in ("case", "physics", "description"):
+        table.add_column(column, no_wrap=column != "description")
+    for entry in entries:
+        table.add_row(Text(entry["name"]), Text(entry["physics"]), Text(entry["description"]))
+    _out().print(table)
+
+
+def result(done: Result) -> None:
+    """Print quantities beside published values, Newton, check and where the files are."""
+    console = _out()
+    data = done.data
+    style = "green" if done.converged else "red"
+    size = (
+        f"level {data.get('level')}, {data.get('triangles') or '?'} triangles, {data.get('unknowns') or '?'} unknowns"
+    )
+    console.print(Text(str(data["case"]), style="bold"), Text(done.status, style=style), Text(f"({size})"))
+    if done.quantities:
+        console.print(quantities(done.quantities, references_for(done.scene)))
+    for line in summary(done):
+        console.print(Text(line), soft_wrap=True)
+
+
+def quantities(values: Mapping[str, Any], published: Mapping[str, Reference]) -> Table:
+    """Return the table of quantities, with published values and errors where there are any."""
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    table.add_column("quantity")
+    table.add_column("value", justify="right")
+    table.add_column("unit")
+    if published:
+        table.add_column("published", justify="right")
+        table.add_column("error", justify="right")
+    for name, value in flatten(values).items():
+        if name.endswith(MINOR) and name not in published:
+            continue
+        cells = [name, f"{value:.7g}", unit(name)]
+        reference = published.get(name.removesuffix("_mean"))
+        if reference is not None:
+            cells += [f"{reference.mean:.7g}", f"{100 * reference.relative_error(value):+.3f} %"]
+        table.add_row(*cells)
+    return table
+
+
+def summary(done: Result) -> list[str]:
+    """Return the lines about Newton's method, the check, the time and the files."""
+    newton, timings, check = done.data["newton"], done.data["timings"], done.data["check"]
+    lines = []
+    if newton:
+        lines.append(f"Newton: {newton.get('iterations')} iterations, {newton.get('factorizations')} factorisations")
+    lines.append(check_line(check, done.check_failures))
+    if (total := timings.get("total")) is not None:
+        phases = ("factorize", "solve", "jacobian", "residual", "check", "pictures")
+        parts = ", ".join(f"{name} {timings[name]:.2f}" for name in phases if timings.get(name) is not None)
+        lines.append(f"time: {total:.2f} s ({parts})" if parts else f"time: {total:.2f} s")
+    return [*lines, f"files: {done.directory}"]
+
+
+def check_line(check: Mapping[str, Any], failures: Sequence[str]) -> str:
+    """Return the check in one line."""
+    numbers = {name: value for name, value in check.items() if isinstance(value, (int, float))}
+    if not numbers:
+        return "check: not done" if not failures else "check: FAILED"
+    worst = max(numbers, key=lambda name: numbers[name])
+    return f"check: {'FAILED' if failures else 'passed'}, the largest is {worst} with {numbers[worst]:.1e}"
+
+
+def sweep(table: pd.DataFrame, keys: Sequence[str], out: Path) -> None:
+    """Print the sweep's table."""
+    console = _out()
+    names = [name for name in ("drag", "lift", "tip_ux", "tip_uy", "min_jacobian") if name in table]
+    shown = Table(box=None, pad_edge=False, header_style="bold")
+    for name in [*keys, "status", *names, "check_maximum", "seconds"]:
+        shown.add_column(name, justify="left" if name == "status" else "right")
+    for _, line in table.iterrows():
+        cells = [f"{line[key]:g}" for key in keys]
+        cells.append(f"[{'green' if line['status'] == 'converged' else 'red'}]{line['status']}[/]")
+        cells += [_cell(line[name], "{:.6g}") for name in names]
+        shown.add_row(*cells, _cell(line["check_maximum"], "{:.1e}"), _cell(line["seconds"], "{:.1f}"))
+    console.print(shown)
+    console.print(Text(f"files: {out}"), soft_wrap=True)
+
+
+def checks(reports: Sequence[tuple[Result, CheckReport]]) -> None:
+    """Print the numbers of the checker, one column per point."""
+    rows = check_rows(reports)
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    table.add_column("relative residual or difference")
+    for line in rows:
+        table.add_column(f"point {line['point']}", justify="right")
+    for name in list(rows[0])[3:]:
+        if any(line[name] is not None for line in rows):
+            table.add_row(name.replace("_", " "), *(_cell(line[name], "{:.1e}") for line in rows))
+    table.add_row("passed", *("yes" if line["passed"] else "NO" for line in rows))
+    _out().print(table)
+
+
+def check_rows(reports: Sequence[tuple[Result, CheckReport]]) -> list[dict[str, Any]]:
+    """Return what the checker found, one dictionary per point."""
+    from ffsi.run import CHECKED
+
+    return [
+        {
+            "folder": str(result.directory),
+            "point": result.point,
+            "passed": report.passed,
+            **{name: getattr(report, name) for name in CHECKED},
+        }
+        for result, report in reports
+    ]
+
+
+def doctor() -> bool:
+    """Print the diagnosis; return whether nothing failed."""
+    from ffsi.doctor import diagnose, healthy
+
+    found = diagnose()
+    style = {"ok": "green", "warn": "yellow", "fail": "bold red"}
+    table = Table(box=None, pad_edge=False, show_header=False)
+    for item in found:
+        advice = f"\n{item.advice}" if item.advice and item.status != "ok" else ""
+        table.add_row(
+            Text(item.status, style=style[item.status]), Text(item.name), Text(item.detail + advice, overflow="fold")
+        )
+    _out().print(table)
+    return healthy(found)
+
+
+def _cell(value: Any, form: str) -> str:
+    return "-" if value is None or pd.isna(value) else form.format(value)

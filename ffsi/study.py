@@ -1,0 +1,409 @@
+"""Many points of one scene: plan chains, run them in parallel, resume, one table."""
+
+from __future__ import annotations
+
+import itertools
+import logging
+import os
+import threading
+import tomllib
+from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor, as_completed
+from dataclasses import dataclass
+from decimal import Decimal, InvalidOperation
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import tomli_w
+
+from ffsi import folder
+from ffsi.folder import InputError
+from ffsi.freefem import find_freefem, stop_all
+from ffsi.render import is_runtime_parameter
+from ffsi.result import Result, flatten, load_result
+from ffsi.run import CHECKED, OnEvent, OnResult, finish_point, run_chain
+from ffsi.scene import Scene, load_scene, with_values
+
+logger = logging.getLogger(__name__)
+
+Values = dict[str, float]
+TABLE = "sweep.csv"
+MAXIMUM_POINTS = 100_000
+
+
+@dataclass(frozen=True)
+class Chain:
+    """Points that one FreeFEM process solves in this order.
+
+    Attributes:
+        points: per point, every varied key and its value.
+        lead_in: points solved by an earlier call, in order; the way to the first of `points` if that does not converge
+            from rest.
+    """
+
+    points: tuple[Values, ...]
+    lead_in: tuple[Values, ...] = ()
+
+
+def parse_vary(text: str) -> tuple[str, list[float]]:
+    """Read `key=start:stop:step` (stop included) or `key=a,b,c`.
+
+    Returns:
+        The key and its values; a range is counted in decimal, so 0.012:0.12:0.012 is exactly 0.012, 0.024, ..., 0.12.
+
+    Raises:
+        InputError: the text has another form, a value is no finite number or occurs twice, or a range is empty.
+    """
+    key, equals, values = text.partition("=")
+    key = key.strip()
+    if not equals or not key or not values.strip():
+        raise InputError(f"--vary takes KEY=START:STOP:STEP or KEY=A,B,C, not {text!r}")
+    numbers = _range(key, values) if ":" in values else [_number(key, item) for item in values.split(",")]
+    if len(set(numbers)) < len(numbers):
+        raise InputError(f"--vary {key}: a value occurs twice in {values!r}")
+    return key, [_value(number) for number in numbers]
+
+
+def parse_all(texts: Iterable[str]) -> dict[str, list[float]]:
+    """Read several `--vary` texts, in their order.
+
+    Raises:
+        InputError: as `parse_vary`; also if a key comes twice.
+    """
+    varied: dict[str, list[float]] = {}
+    for text in texts:
+        key, values = parse_vary(text)
+        if key in varied:
+            raise InputError(f"--vary {key} is given twice; list its values in one: {key}=A,B,C")
+        varied[key] = values
+    return varied
+
+
+def plan(scene: Scene, vary: Mapping[str, Sequence[float]]) -> list[Chain]:
+    """Split the cartesian product of `vary` into chains.
+
+    The last key that needs no new mesh runs along the chain, in the given order; every combination of the others is
+    its own chain.
+
+    Raises:
+        InputError: nothing varies.
+        SceneError: a key or a value that the scene does not accept.
+    """
+    if not vary or any(len(values) == 0 for values in vary.values()):
+        raise InputError("a sweep needs at least one varied key with at least one value")
+    for values in points(vary):
+        with_values(scene, dict(values))
+    along = next((key for key in reversed(list(vary)) if is_runtime_parameter(scene, key)), None)
+    others = {key: vary[key] for key in vary if key != along}
+    steps: Sequence[Values] = [{along: value} for value in vary[along]] if along is not None else [{}]
+    return [Chain(tuple({key: {**fixed, **step}[key] for key in vary} for step in steps)) for fixed in points(others)]
+
+
+def points(vary: Mapping[str, Sequence[float]]) -> list[Values]:
+    """Return the cartesian product of `vary`, the last key changing fastest."""
+    return [dict(zip(vary, values, strict=True)) for values in itertools.product(*vary.values())]
+
+
+def sweep(
+    scene: Scene,
+    vary: Mapping[str, Sequence[float]],
+    out: str | Path,
+    jobs: int = 1,
+    dask: str | None = None,
+    on_event: OnEvent | None = None,
+    *,
+    check: bool = True,
+) -> pd.DataFrame:
+    """Solve `scene` for every combination of values, and keep `out/sweep.csv` up to date while points finish.
+
+    A second call with the same definition runs only what is missing or died; points that did not converge are not
+    tried again.
+
+    Args:
+        scene: what to solve.
+        vary: dotted keys and their values.
+        out: the sweep's folder.
+        jobs: chains at a time on this machine.
+        dask: address of a dask scheduler whose workers see `out` under the same path (extra `dask`).
+        on_event: called with every event that the scripts report (not with dask).
+        check: verify every point with the independent checker.
+
+    Returns:
+        One row per point in the order of the product: the varied keys, `status`, `reason`, `failure`, every quantity,
+        `check_maximum`, `seconds`, `folder` and `point`.
+
+    Raises:
+        InputError: `out` holds something else, or a sweep with another definition; or `dask` is not installed.
+        SceneError: a key or a value that the scene does not accept.
+        FreeFEMNotFound: no FreeFEM on this machine.
+    """
+    chains = plan(scene, vary)
+    directory = Path(out).absolute()
+    definition = _definition(scene, vary)
+    _check_definition(directory, definition)
+    if dask is None:
+        find_freefem()
+    directory.mkdir(parents=True, exist_ok=True)
+    if not folder.is_sweep_folder(directory):
+        folder.write_text(directory / folder.SWEEP, tomli_w.dumps(definition))
+    table = _Table(directory, list(vary), points(vary))
+    for result in harvest(scene, directory, list(vary), check=check):
+        table.add(result)
+    todo = [rest for chain in chains if (rest := remaining(chain, table.done(), table.converged()))]
+    folders = _new_folders(directory, len(todo))
+    if dask is not None:
+        _run_on_dask(scene, todo, folders, table, dask, check)
+    else:
+        _run_here(scene, todo, folders, table, jobs, on_event, check)
+    return table.write()
+
+
+def harvest(scene: Scene, directory: Path, keys: Sequence[str], *, check: bool = True) -> list[Result]:
+    """Collect what earlier calls left in the chains of a sweep; complete points that nobody checked are checked now."""
+    results = []
+    for chain in sorted(directory.glob("chain-*")):
+        path = chain / folder.CHAIN
+        if not path.is_file():
+            continue
+        for number, values in enumerate(folder.read_json(path)["points"], start=1):
+            if (chain / folder.numbered(folder.RESULT, number)).is_file():
+                results.append(load_result(chain, number))
+                continue
+            try:
+                finished = finish_point(with_values(scene, values), chain, number, values, check=check)
+            except InputError as error:  # cut off while FreeFEM was writing it
+                logger.warning("%s", error)
+                continue
+            if finished is not None:
+                results.append(finished)
+    return results
+
+
+def remaining(chain: Chain, done: set[tuple[float, ...]], converged: set[tuple[float, ...]]) -> Chain | None:
+    """Return the part of a chain that still has to run, or None."""
+    missing = [i for i, values in enumerate(chain.points) if tuple(values.values()) not in done]
+    if not missing:
+        return None
+    lead_in = tuple(values for values in chain.points[: missing[0]] if tuple(values.values()) in converged)
+    return Chain(tuple(chain.points[i] for i in missing), lead_in)
+
+
+def row(result: Result, values: Values, directory: Path) -> dict[str, Any]:
+    """Return the table's row of one point."""
+    checked = [value for name in CHECKED if isinstance(value := result.data.get("check", {}).get(name), (int, float))]
+    return {
+        **values,
+        "status": result.status,
+        "reason": result.reason,
+        "failure": result.failure,
+        **flatten(result.quantities),
+        "check_maximum": max(checked, default=None),
+        "seconds": result.data.get("timings", {}).get("total"),
+        "folder": os.path.relpath(result.directory, directory),
+        "point": result.point,
+    }
+
+
+class _Table:
+    """The rows that are known so far; `sweep.csv` follows every addition."""
+
+    def __init__(self, directory: Path, keys: Sequence[str], order: Sequence[Values]) -> None:
+        self.directory, self.keys, self.order = directory, keys, order
+        self.rows: dict[tuple[float, ...], dict[str, Any]] = {}
+        self.lock = threading.Lock()
+
+    def add(self, result: Result) -> None:
+        """Take a point in; a crash never replaces a result."""
+        values = {key: result.data["varied"][key] for key in self.keys}
+        at = tuple(values.values())
+        with self.lock:
+            if at in self._done() and result.failure == "crash":
+                return
+            self.rows[at] = row(result, values, self.directory)
+            self._write()
+
+    def done(self) -> set[tuple[float, ...]]:
+        """Return the points that need not run again."""
+        with self.lock:
+            return self._done()
+
+    def converged(self) -> set[tuple[float, ...]]:
+        """Return the points that were solved."""
+        with self.lock:
+            return {at for at, item in self.rows.items() if item["failure"] in ("", "check")}
+
+    def write(self) -> pd.DataFrame:
+        with self.lock:
+            return self._write()
+
+    def _done(self) -> set[tuple[float, ...]]:
+        return {at for at, item in self.rows.items() if item["failure"] != "crash"}
+
+    def _write(self) -> pd.DataFrame:
+        known = [self.rows[at] for values in self.order if (at := tuple(values.values())) in self.rows]
+        first = [*self.keys, "status", "reason", "failure"]
+        last = ["check_maximum", "seconds", "folder", "point"]
+        middle = dict.fromkeys(key for item in known for key in item if key not in (*first, *last))
+        table = pd.DataFrame(known, columns=[*first, *middle, *last])
+        folder.write_text(self.directory / TABLE, table.to_csv(index=False))
+        return table
+
+
+def _run_here(
+    scene: Scene,
+    todo: Sequence[Chain],
+    folders: Sequence[Path],
+    table: _Table,
+    jobs: int,
+    on_event: OnEvent | None,
+    check: bool,
+) -> None:
+    threads = max(1, (os.cpu_count() or 1) // jobs) if jobs > 1 else 1
+    with ThreadPoolExecutor(max_workers=jobs, thread_name_prefix="ffsi-chain") as pool:
+        running: list[Future[None]] = [
+            pool.submit(_run_one, scene, chain, path, check, on_event, table.add, threads)
+            for chain, path in zip(todo, folders, strict=True)
+        ]
+        try:
+            for job in as_completed(running):
+                job.result()
+        except BaseException:  # Ctrl-C reaches this thread only
+            pool.shutdown(wait=False, cancel_futures=True)
+            stop_all()
+            raise
+
+
+def _run_on_dask(
+    scene: Scene, todo: Sequence[Chain], folders: Sequence[Path], table: _Table, address: str, check: bool
+) -> None:
+    try:
+        from distributed import Client
+        from distributed import as_completed as done
+    except ImportError as error:
+        raise InputError("--dask needs the package distributed: pip install 'freefem-fsi[dask]'") from error
+    try:
+        client = Client(address, timeout="10s")
+    except (OSError, ValueError, TimeoutError) as error:
+        raise InputError(f"no dask scheduler at {address}: {error}") from error
+    with client:
+        jobs = [
+            client.submit(_run_remotely, scene.to_toml(), chain, str(path), check, pure=False)
+            for chain, path in zip(todo, folders, strict=True)
+        ]
+        for job in done(jobs):
+            path = Path(job.result())
+            for result in harvest(scene, path.parent, table.keys, check=check):
+                if result.directory == path:
+                    table.add(result)
+
+
+def _run_remotely(toml: str, chain: Chain, path: str, check: bool) -> str:
+    """Run a chain on a dask worker; the results travel through the shared folder."""
+    directory = Path(path)
+    directory.mkdir(parents=True, exist_ok=True)
+    source = directory.with_suffix(".toml")
+    folder.write_text(source, toml)
+    _run_one(load_scene(str(source), []), chain, directory, check, None, None, 1)
+    source.unlink()
+    return path
+
+
+def _run_one(
+    scene: Scene,
+    chain: Chain,
+    path: Path,
+    check: bool,
+    on_event: OnEvent | None,
+    on_result: OnResult | None,
+    threads: int,
+) -> None:
+    results = run_chain(scene, chain.points, path, check=check, on_event=on_event, on_result=on_result, threads=threads)
+    if not chain.lead_in or results[0].failure != "not-converged":
+        return
+    logger.info("%s: the first point does not converge from rest, going through the points before it again", path)
+
+    def report(result: Result) -> None:
+        if on_result is not None and result.point > len(chain.lead_in):
+            on_result(result)
+
+    whole = (*chain.lead_in, *chain.points)
+    run_chain(scene, whole, path, check=check, on_event=on_event, on_result=report, threads=threads)
+
+
+def _definition(scene: Scene, vary: Mapping[str, Sequence[float]]) -> dict[str, Any]:
+    return {"vary": {key: list(values) for key, values in vary.items()}, "scene": tomllib.loads(scene.to_toml())}
+
+
+def _check_definition(directory: Path, definition: Mapping[str, Any]) -> None:
+    """Refuse a folder with other content or another sweep; writes nothing."""
+    if not directory.exists():
+        return
+    if not directory.is_dir():
+        raise InputError(f"{directory} is a file; the sweep needs a folder")
+    if not folder.is_sweep_folder(directory):
+        if any(directory.iterdir()):
+            raise InputError(f"{directory} is not empty and holds no sweep; nothing was written. Give another folder")
+        return
+    try:
+        there = tomllib.loads((directory / folder.SWEEP).read_text(encoding="utf-8"))
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{directory / folder.SWEEP} is damaged: {error}") from error
+    if (key := _first_difference(there, definition)) is not None:
+        raise InputError(f"{directory} holds a sweep with another definition: {key}. Give another folder to keep both")
+
+
+def _first_difference(there: Any, here: Any, key: str = "") -> str | None:
+    if isinstance(there, Mapping) and isinstance(here, Mapping):
+        for name in dict.fromkeys([*there, *here]):
+            found = _first_difference(there.get(name), here.get(name), f"{key}.{name}" if key else str(name))
+            if found is not None:
+                return found
+        if key == "vary" and list(there) != list(here):
+            return f"vary is in the order {', '.join(there)} there and {', '.join(here)} here"
+        return None
+    return None if there == here else f"{key} is {_words(there)} there and {_words(here)} here"
+
+
+def _words(value: Any) -> str:
+    return "absent" if value is None else repr(value)
+
+
+def _new_folders(directory: Path, count: int) -> list[Path]:
+    numbers = [int(path.name.rpartition("-")[2]) for path in directory.glob("chain-[0-9]*") if path.is_dir()]
+    start = max(numbers, default=0) + 1
+    return [directory / f"chain-{start + i:03d}" for i in range(count)]
+
+
+def _range(key: str, text: str) -> list[Decimal]:
+    parts = text.split(":")
+    if len(parts) != 3:
+        raise InputError(f"--vary {key}: a range is START:STOP:STEP, not {text!r}")
+    start, stop, step = (_number(key, part) for part in parts)
+    if step == 0 or (stop - start) / step < 0:
+        raise InputError(f"--vary {key}: the step {step} does not lead from {start} to {stop}")
+    count = int((stop - start) / step + Decimal("1e-9")) + 1
+    if count > MAXIMUM_POINTS:
+        raise InputError(f"--vary {key}: {text!r} has {count} values, more than {MAXIMUM_POINTS}")
+    return [start + i * step for i in range(count)]
+
+
+def _number(key: str, text: str) -> Decimal:
+    try:
+        number = Decimal(text.strip())
+    except InvalidOperation:
+        raise InputError(
+            f"--vary {key}: {text.strip()!r} is no number (units are not accepted here, values are in SI)"
+        ) from None
+    if not number.is_finite():
+        raise InputError(f"--vary {key}: {text.strip()!r} is not finite")
+    return number
+
+
+def _value(number: Decimal) -> float:
+    """Return an int for a number written as one (mesh levels are integers), else the nearest float."""
+    return (
+        int(number)
+        if number == number.to_integral_value() and "." not in str(number) and "E" not in str(number)
+        else float(number)
+    )

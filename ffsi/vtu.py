@@ -1,0 +1,59 @@
+"""Quadratic triangles for ParaView: Fields <-> meshio <-> VTU files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import meshio
+import numpy as np
+
+from ffsi.fields import Fields
+
+
+def to_meshio(fields: Fields) -> meshio.Mesh:
+    """Return the reference mesh with its fields.
+
+    Point data: `displacement` (m), `velocity` (m/s), `pressure` (Pa); cell data: `region`.
+
+    Vectors have three components (the third is zero), so that ParaView can warp by `displacement`.
+    """
+    return meshio.Mesh(
+        points=_three(fields.points),
+        cells=[("triangle6", fields.cells)],
+        point_data={
+            "displacement": _three(fields.displacement),
+            "velocity": _three(fields.velocity),
+            "pressure": fields.pressure,
+        },
+        cell_data={"region": [fields.region]},
+    )
+
+
+def write_vtu(path: Path, fields: Fields) -> None:
+    """Write `fields` as a compressed binary VTU file of quadratic triangles on the reference configuration."""
+    partial = path.with_name(f".{path.name}.part")
+    to_meshio(fields).write(partial, file_format="vtu", binary=True, compression="zlib")
+    partial.replace(path)
+
+
+def read_vtu(path: Path) -> Fields:
+    """Read back what `write_vtu` has written.
+
+    Raises:
+        ValueError: the file holds other cells than quadratic triangles.
+    """
+    mesh = meshio.read(path, file_format="vtu")
+    if [block.type for block in mesh.cells] != ["triangle6"]:
+        raise ValueError(f"{path} does not hold exactly one block of quadratic triangles")
+    return Fields(
+        points=mesh.points[:, :2],
+        cells=np.asarray(mesh.cells[0].data, dtype=np.int64),
+        region=np.asarray(mesh.cell_data["region"][0], dtype=np.int64),
+        displacement=mesh.point_data["displacement"][:, :2],
+        velocity=mesh.point_data["velocity"][:, :2],
+        pressure=mesh.point_data["pressure"],
+    )
+
+
+def _three(vectors: np.ndarray) -> np.ndarray:
+    return np.column_stack([vectors, np.zeros(len(vectors))])

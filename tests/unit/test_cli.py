@@ -1,0 +1,234 @@
+"""The command line: what it refuses, its exit codes, and what goes to which stream."""
+
+import json
+import re
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from run_folders import FakeCheck, FakeFreeFEM, make_run
+
+from ffsi import run, show, study
+from ffsi.cli import main
+from ffsi.freefem import FreeFEMNotFound
+
+LEVEL = ["--set", "mesh.level=0"]
+SWEEP = ["sweep", "flap-svk", "--out", "s"]
+
+
+@pytest.fixture(autouse=True)
+def in_an_empty_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "300")
+
+
+@pytest.fixture
+def freefem(monkeypatch) -> FakeFreeFEM:
+    fake = FakeFreeFEM()
+    monkeypatch.setattr(run, "run_script", fake.run_script)
+    for module in (run, study):
+        monkeypatch.setattr(module, "find_freefem", lambda: SimpleNamespace(has_mumps=True))
+    monkeypatch.setattr(run, "render", lambda scene, mumps: "// nothing\n")
+    return fake
+
+
+@pytest.fixture
+def check(monkeypatch) -> FakeCheck:
+    fake = FakeCheck()
+    monkeypatch.setattr("ffsi.reference.check_run", fake)
+    return fake
+
+
+def call(capsys, *arguments: str) -> tuple[int, str, str]:
+    """Exit code, stdout, and stderr without the boxes and line breaks of the usage errors."""
+    with pytest.raises(SystemExit) as stopped:
+        main(arguments)
+    out, err = capsys.readouterr()
+    return int(stopped.value.code or 0), out, re.sub(r"[\s│╭╮╰╯─]+", " ", err)
+
+
+BAD_INPUT = [
+    (["rum"], "No such command 'rum'. Did you mean 'run'?"),
+    (["run"], "Missing argument"),
+    (["run", "flap-svq"], 'did you mean "flap-svk"?'),
+    (["run", "scene.toml"], "no such file"),
+    (["run", "."], "this is a folder"),
+    (["run", "flap-svk", "--otu", "x"], "No such option: --otu"),
+    (["run", "flap-svk", "again"], "unexpected extra argument"),
+    (["run", "flap-svk", "--set", "mesh.level"], "key=value"),
+    (["run", "flap-svk", "--set", "mesh.levle=1"], "mesh.level"),
+    (["run", "flap-svk", "--set", "mesh.level=9"], "mesh.level = 9"),
+    (["run", "flap-svk", "--set", "mesh.level=1.5"], "mesh.level"),
+    (["run", "flap-svk", "--set", "fluid.viscosity=3 m"], "fluid.viscosity"),
+    (["run", "flap-svk", "--set", "fluid.density=-1"], "fluid.density"),
+    (["run", "flap-svk", "--set", "inflow.mean_velocity=nan"], "inflow.mean_velocity"),
+    (["run", "flap-svk", "--threads", "0"], "threads"),
+    (["run", "flap-svk", "--threads", "two"], "threads"),
+    (["render", "flap-svq"], 'did you mean "flap-svk"?'),
+    (["render", "flap-svk", "-o", "no/such/folder.edp"], "no/such does not exist"),
+    (["render", "flap-svk", "-o", "."], "is a folder"),
+    (["sweep", "flap-svk", "--vary", "mesh.level=0,1"], "Missing option '--out'"),
+    (["sweep", "flap-svk", "--out", "s"], "Missing option '--vary'"),
+    ([*SWEEP, "--vary", "inflow.mean_velocity"], "KEY=START:STOP:STEP"),
+    ([*SWEEP, "--vary", "inflow.mean_velocity=0.1:0.2"], "START:STOP:STEP"),
+    ([*SWEEP, "--vary", "inflow.mean_velocity=0.2:0.1:0.1"], "does not lead"),
+    ([*SWEEP, "--vary", "inflow.mean_velocity=0.1,slow"], "'slow' is no number"),
+    ([*SWEEP, "--vary", "inflow.mean_velocity=1 cm/s"], "no number"),
+    ([*SWEEP, "--vary", "inflow.mean_velocitty=0.1"], 'did you mean "inflow.mean_velocity"?'),
+    ([*SWEEP, "--vary", "mesh.level=0:5:1"], "mesh.level = 5"),
+    ([*SWEEP, "--vary", "mesh.level=0", "--vary", "mesh.level=1"], "given twice"),
+    ([*SWEEP, "--vary", "mesh.level=0", "--jobs", "0"], "jobs"),
+    ([*SWEEP, "--vary", "mesh.level=0", "--jobs", "2", "--dask", "tcp://x"], "not both"),
+    (["check"], "Missing argument"),
+    (["check", "nothing"], "nothing is no run folder of ffsi (it does not exist)"),
+    (["check", "."], "is no run folder"),
+    (["report"], "Missing argument"),
+    (["report", "nothing"], "is no run folder"),
+    (["report", ".", "-o", "no/report.html"], "no does not exist"),
+    (["bench", "--case", "flap-svq"], 'did you mean "flap-svk"?'),
+    (["bench", "--levels", "a"], "--levels takes integers"),
+    (["bench", "--levels", "0,7"], "from 0 to 4"),
+    (["doctor", "now"], "unexpected extra argument"),
+    (["cases", "--jsn"], "No such option: --jsn"),
+]
+
+
+@pytest.mark.parametrize(("arguments", "message"), BAD_INPUT, ids=[" ".join(words) for words, _ in BAD_INPUT])
+def test_bad_input_ends_with_2_names_the_reason_and_writes_nothing(capsys, tmp_path, freefem, arguments, message):
+    code, out, err = call(capsys, *arguments)
+    assert message in err
+    assert (code, out) == (2, "")
+    assert list(tmp_path.iterdir()) == []
+    assert freefem.solved == []
+
+
+def test_a_foreign_folder_is_refused(capsys, tmp_path, freefem):
+    Path("notes.txt").write_text("mine")
+    code, out, err = call(capsys, "run", "flap-svk", "--out", str(tmp_path))
+    assert "is not empty and is no run folder of ffsi" in err
+    assert (code, out) == (2, "")
+    assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
+
+
+def test_run_prints_quantities_check_and_files(capsys, freefem, check):
+    code, out, err = call(capsys, "run", "flap-svk", *LEVEL)
+    assert code == 0
+    assert re.search(r"drag +0\.24 +N/m", out)
+    assert "Newton: 4 iterations, 2 factorisations" in out
+    assert "check: passed, the largest is momentum with 1.0e-11" in out
+    assert "files: runs/flap-svk" in out
+    assert Path("runs/flap-svk/result.json").is_file()
+    assert err == ""
+
+
+def test_json_is_alone_on_stdout(capsys, freefem, check):
+    code, out, err = call(capsys, "run", "flap-svk", *LEVEL, "--json", "--out", "there")
+    assert (code, err) == (0, "")
+    assert json.loads(out) == json.loads(Path("there/result.json").read_text())
+
+
+def test_no_check_skips_the_checker(capsys, freefem, check):
+    code, out, _ = call(capsys, "run", "flap-svk", *LEVEL, "--no-check")
+    assert (code, check.calls) == (0, [])
+    assert "check: not done" in out
+
+
+@pytest.mark.parametrize(
+    ("ending", "code", "reason"),
+    [("wrong", 1, "the reference check disagrees"), ("fail", 3, "J too small"), ("die", 4, "SIGSEGV")],
+)
+def test_failures_have_their_own_exit_code_and_still_print_json(capsys, freefem, check, ending, code, reason):
+    setattr(check if ending == "wrong" else freefem, ending, 0.12)
+    found, out, err = call(capsys, "run", "flap-svk", *LEVEL, "--json")
+    assert found == code
+    data = json.loads(out)
+    assert data["status"] == "failed"
+    assert reason in data["reason"]
+    assert reason in err
+    assert Path("runs/flap-svk/result.json").is_file()
+
+
+def test_an_earlier_result_is_not_taken_for_that_of_a_run_that_never_started(capsys, monkeypatch, freefem, check):
+    assert call(capsys, "run", "flap-svk", *LEVEL)[0] == 0
+
+    def missing():
+        raise FreeFEMNotFound("missing-binary", "no FreeFem++ on this machine")
+
+    monkeypatch.setattr(run, "find_freefem", missing)
+    code, out, err = call(capsys, "run", "flap-svk", *LEVEL, "--json")
+    assert code == 4
+    assert json.loads(out)["status"] == "failed"
+    assert "no FreeFem++ on this machine" in err
+    assert json.loads(Path("runs/flap-svk/result.json").read_text())["status"] == "converged"
+
+
+def test_sweep_prints_its_table_and_the_worst_exit_code(capsys, freefem, check):
+    words = ["sweep", "flap-svk", *LEVEL, "--vary", "inflow.mean_velocity=0.01:0.03:0.01", "--out", "s"]
+    check.wrong = 0.02
+    code, out, err = call(capsys, *words)
+    assert code == 1
+    assert re.search(r"0\.01 +converged +0\.02 ", out)
+    assert re.search(r"0\.02 +failed", out)
+    assert "1 of 3 points: check; see the column reason of s/sweep.csv" in err
+    freefem.fail = 0.02
+    code, out, err = call(capsys, *words[:-1], "t", "--json")
+    assert code == 3
+    assert [line["failure"] for line in json.loads(out)] == ["", "not-converged", "not-reached"]
+
+
+def test_check_reads_what_is_there(capsys, check):
+    make_run(Path("r"))
+    code, out, _ = call(capsys, "check", "r")
+    assert code == 0
+    assert re.search(r"momentum +1\.0e-11", out)
+    check.wrong = 0.12
+    code, out, err = call(capsys, "check", "r", "--json")
+    assert code == 1
+    assert json.loads(out)["passed"] is False
+    assert json.loads(out)["points"][0]["momentum"] == 1e-3
+    assert "r, point 1: momentum: the relative residual" in err
+
+
+def test_check_without_a_solution_is_not_converged(capsys):
+    make_run(Path("r"), status="failed", failure="not-converged", reason="J too small")
+    code, _, err = call(capsys, "check", "r")
+    assert code == 3
+    assert "no converged point" in err
+
+
+def test_report_is_written(capsys):
+    make_run(Path("r"))
+    code, out, err = call(capsys, "report", "r", "-o", "r.html")
+    assert (code, out) == (0, "")
+    assert "wrote r.html" in err
+    assert "data:image/png" in Path("r.html").read_text()
+
+
+def test_cases_are_listed(capsys):
+    code, out, _ = call(capsys, "cases")
+    assert code == 0
+    assert re.search(r"turek-fsi1 +fsi +Turek-Hron FSI1", out)
+    _, out, _ = call(capsys, "cases", "--json")
+    assert {"name", "physics", "description"} == set(json.loads(out)[0])
+
+
+def test_bench_passes_its_numbers_on(capsys, monkeypatch):
+    seen = []
+    fake = SimpleNamespace(main=lambda levels, case: seen.append((levels, case)))
+    monkeypatch.setitem(__import__("sys").modules, "ffsi.bench", fake)
+    assert call(capsys, "bench", "--levels", "0,2")[0] == 0
+    assert seen == [([0, 2], "turek-fsi1")]
+
+
+@pytest.mark.parametrize(("healthy", "code"), [(True, 0), (False, 4)])
+def test_doctor_tells_by_its_exit_code(capsys, monkeypatch, healthy, code):
+    monkeypatch.setattr(show, "doctor", lambda: healthy)
+    assert call(capsys, "doctor")[0] == code
+
+
+def test_a_case_with_published_values_shows_them_unless_its_physics_is_changed(capsys, freefem, check):
+    _, out, _ = call(capsys, "run", "turek-fsi1", *LEVEL)
+    assert re.search(r"drag +0\.4 +N/m +14\.29426 +-97\.202 %", out)
+    _, out, _ = call(capsys, "run", "turek-fsi1", *LEVEL, "--set", "inflow.mean_velocity=0.3")
+    assert "14.29426" not in out
+    assert re.search(r"drag +0\.6 +N/m", out)

@@ -1,0 +1,220 @@
+"""Outputs recorded with Debian 12's freefem++ 4.11-dfsg1-3, and what must be made of them."""
+# The blanks and tabs are FreeFEM's.
+# ruff: noqa: W291, E101
+
+import pickle
+import signal
+from pathlib import Path
+
+import pytest
+
+from ffsi.freefem.errors import Ending, FreeFEMError, FreeFEMNotFound, explain, script_position
+
+SYNTAX = """
+ Error line number 3, in file missingsemi.edp, before  token int
+syntax error
+  current line = 2
+Compile error : syntax error
+	line number :3, int
+error Compile error : syntax error
+	line number :3, int
+ code = 1 mpirank: 0"""
+
+IDENTIFIER = """init MUMPS_SEQ: MPI_Init
+ The Identifier foo does not exist 
+
+ Error line number 4, in file undef.edp, before  token foo
+
+  current line = 4
+Compile error : 
+	line number :4, foo
+error Compile error : 
+	line number :4, foo
+ code = 1 mpirank: 0
+close  MUMPS_SEQ: MPI_Finalize"""
+
+INCLUDE = """ Error opening file nothere.idp in: 
+  -- try  :"nothere.idp"
+  -- try  :"/usr/lib/ff++/4.9/idp/nothere.idp"
+
+ Error line number 1, in file inc.edp, before  token nothere.idp
+lex: Error input opening file 
+  current line = 1
+Compile error : lex: Error input opening file 
+	line number :1, nothere.idp"""
+
+OPERATOR = """ unknown operator ( on type <PPSo>
+
+ Error line number 2, in file bf.edp, before  token )
+
+  current line = 2
+Compile error : 
+	line number :2, )"""
+
+ASSERT = """init MUMPS_SEQ: MPI_Init
+  current line = 4
+ call f  at  line 16
+Exec error : exec assert
+   -- number :1
+Exec error : exec assert
+   -- number :1
+ err code 8 ,  mpirank 0
+close  MUMPS_SEQ: MPI_Finalize"""
+
+PLUGIN = """
+Load error: NoSuchPlugin
+	 fail: 
+ dlerror : NoSuchPlugin.so: cannot open shared object file: No such file or directory
+list prefix: './' '/usr/lib/ff++/4.9/lib/' '/usr/lib/freefem++/' '' list suffix: '' , '.so' 
+  current line = 2
+Load error : NoSuchPlugin
+	line number :2, NoSuchPlugin
+error Load error : NoSuchPlugin
+	line number :2, NoSuchPlugin
+ code = 2 mpirank: 0"""
+
+MUMPS = """init MUMPS_SEQ: MPI_Init
+ Erreur Mumps seq: number {code}
+ Fatal Erreur  MUMPS_seq Factorize
+  current line = 10
+Exec error : MUMPS_seq Factorize
+   -- number :0
+close  MUMPS_SEQ: MPI_Finalize
+ On return from DMUMPS, INFOG(1)=             {code}
+ On return from DMUMPS, INFOG(2)=               0
+  ** Instance Error 1 in DMUMPS_F77           2
+ ** MPI_ABORT called"""
+
+MUMPS_INTERNAL = """init MUMPS_SEQ: MPI_Init
+close  MUMPS_SEQ: MPI_Finalize
+ Internal error 3 in DMUMPS_ANA_DRIVER      361200           0
+ ** MPI_ABORT called"""
+
+UMFPACK = """ Error umpfack umfpack_di_numeric  status  {code}
+ Error umpfack umfpack_di_solve  status  {code}
+inf"""
+
+CATCH_ALL = """Strange catch exception ???
+ at exec line  2 ,  mpirank 0"""
+
+DIVISION = """3/0 : l l l
+  current line = 2
+Exec error :  Div by 0
+   -- number :1
+ err code 8 ,  mpirank 0"""
+
+BOUND = """ Out of bound  0 <=7 < 3 array type = P2KNIdE
+  current line = 3
+Exec error : Out of bound in operator []
+   -- number :1"""
+
+MESHER = """ All the vertices are aline 
+ Fatal error in the mesh generator 998
+  current line = 1
+Meshing error: Bamg
+ number : 998, 
+ catch Err bamg """
+
+OPENING = """ Error opening file /no/such/dir/f
+  current line = 1
+Exec error : Error opening file
+   -- number :1"""
+
+CASES = [
+    ("syntax", 1, SYNTAX, "before the token 'int'", 3),
+    ("syntax", 1, IDENTIFIER, "identifier foo does not exist", 4),
+    ("syntax", 1, INCLUDE, "nothere.idp cannot be opened", 1),
+    ("syntax", 1, OPERATOR, "unknown operator (", 2),
+    ("assert", 8, ASSERT, "assert", 4),
+    ("missing-plugin", 2, PLUGIN, "NoSuchPlugin does not load: NoSuchPlugin.so: cannot open", 2),
+    ("singular-matrix", 0, MUMPS.format(code=-10), "MUMPS error -10", 10),
+    ("mumps", 0, MUMPS.format(code=-13), "MUMPS error -13: an allocation failed", 10),
+    ("mumps", 0, MUMPS.format(code=-9), "MUMPS error -9: the work array is too small", 10),
+    ("mumps", 0, MUMPS.format(code=-99), "MUMPS error -99: see INFO", 10),
+    ("mumps", 0, MUMPS_INTERNAL, "Internal error 3 in DMUMPS_ANA_DRIVER", 0),
+    ("out-of-memory", 0, "ERROR: hgraphOrderCp: out of memory (1)\n" + MUMPS_INTERNAL, "out of memory", 0),
+    ("singular-matrix", 0, UMFPACK.format(code=1), "UMFPACK status 1", 0),
+    ("singular-matrix", 8, UMFPACK.format(code=1) + "\n" + ASSERT, "UMFPACK status 1", 4),
+    ("out-of-memory", 0, UMFPACK.format(code=-1), "UMFPACK status -1", 0),
+    ("crash", 0, UMFPACK.format(code=-8), "UMFPACK status -8", 0),
+    ("out-of-memory", 1, CATCH_ALL, "cannot be allocated", 2),
+    ("out-of-memory", -6, "terminate called after throwing an instance of 'std::bad_alloc'", "bad_alloc", 0),
+    ("floating-point", 8, DIVISION, "division by zero", 2),
+    ("floating-point", -signal.SIGFPE, "", "SIGFPE", 0),
+    ("floating-point", 136, "", "SIGFPE", 0),
+    ("crash", 8, BOUND, "Out of bound  0 <=7 < 3", 3),
+    ("crash", 5, MESHER, "meshing error: Bamg (All the vertices are aline", 1),
+    ("crash", 8, OPENING, "/no/such/dir/f", 1),
+    ("crash", -signal.SIGSEGV, "", "SIGSEGV", 0),
+    ("crash", -signal.SIGABRT, "", "SIGABRT", 0),
+    ("killed", -signal.SIGKILL, "", "signal 9, SIGKILL", 0),
+    ("killed", -signal.SIGTERM, "", "signal 15, SIGTERM", 0),
+    ("missing-binary", 127, "setpriv: failed to execute /x/ff: No such file or directory", "/x/ff", 0),
+    ("crash", 0, "hello\n", "without its end marker; its last line: hello", 0),
+    ("crash", 0, "", "it printed nothing", 0),
+]
+
+
+@pytest.mark.parametrize(("kind", "code", "output", "text", "line"), CASES)
+def test_recorded_outputs(kind, code, output, text, line, tmp_path):
+    error = explain(Ending(code, output.splitlines()), tmp_path / "case.edp")
+    assert error.kind == kind
+    assert error.script_line == line
+    assert text in str(error)
+
+
+def test_source_line_comes_from_the_script(tmp_path):
+    script = tmp_path / "undef.edp"
+    script.write_text("int a = 1;\n\n\n   int b = foo(a);\n")
+    error = explain(Ending(1, IDENTIFIER.splitlines()), script, tmp_path / "freefem.log")
+    assert error.source_line == "int b = foo(a);"
+    assert str(error).splitlines() == [
+        "FreeFEM, syntax: the identifier foo does not exist",
+        "  line 4: int b = foo(a);",
+        f"  log: {tmp_path / 'freefem.log'}",
+    ]
+
+
+def test_source_line_comes_from_an_included_file(tmp_path):
+    script = tmp_path / "case.edp"
+    script.write_text('include "undef.edp"\n')
+    (tmp_path / "undef.edp").write_text("a\nb\nc\nd foo\n")
+    error = explain(Ending(1, IDENTIFIER.splitlines()), script)
+    assert error.source_line == "d foo"
+    assert "in the included file undef.edp" in error.message
+
+
+def test_a_line_beyond_the_script_is_no_problem(tmp_path):
+    script = tmp_path / "undef.edp"
+    script.write_text("one line\n")
+    assert explain(Ending(1, IDENTIFIER.splitlines()), script).source_line == ""
+
+
+def test_bad_input_is_the_scripts_own_word():
+    error = explain(Ending(2, ["exit(2);"], bad_input="unknown parameter -x"), Path("case.edp"))
+    assert (error.kind, error.message, error.script_line) == ("bad-input", "unknown parameter -x", 0)
+
+
+def test_sigkill_with_memory_evidence():
+    error = explain(Ending(-9, memory_evidence="it used 15.9 of 16.0 GiB"), Path("case.edp"))
+    assert error.kind == "out-of-memory"
+    assert "15.9 of 16.0 GiB" in error.message
+
+
+def test_what_the_script_said_before_it_died_is_kept():
+    error = explain(Ending(-11, failed="J fell below zero"), Path("case.edp"))
+    assert error.kind == "crash"
+    assert "J fell below zero" in error.message
+
+
+def test_position_of_an_execution_error():
+    assert script_position(Ending(8, ASSERT.splitlines())) == (4, None)
+
+
+@pytest.mark.parametrize("kind", [FreeFEMError, FreeFEMNotFound])
+def test_errors_survive_pickling(kind):
+    error = pickle.loads(pickle.dumps(kind("syntax", "text", 3, "int x", Path("log"))))
+    assert type(error) is kind
+    assert (error.kind, error.message, error.script_line, error.source_line, error.log) == (
+        "syntax", "text", 3, "int x", Path("log"),
+    )  # fmt: skip

@@ -1,0 +1,161 @@
+import stat
+from pathlib import Path
+
+import pytest
+
+from ffsi.freefem import FreeFEMError, FreeFEMNotFound, find_freefem, installation
+
+PLUGINS = ("MUMPS_seq", "Element_QF", "bfstream")
+
+
+def executable(path: Path, text: str) -> Path:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(f"#!/bin/sh\n{text}\n")
+    path.chmod(path.stat().st_mode | stat.S_IXUSR)
+    return path
+
+
+def plugins(folder: Path, names: tuple[str, ...] = PLUGINS) -> Path:
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in names:
+        (folder / f"{name}.so").touch()
+    return folder
+
+
+@pytest.fixture
+def machine(tmp_path, monkeypatch):
+    """An empty machine under tmp_path: no FreeFEM, no variables."""
+    for name in ("FF_LOADPATH", "FF_INCLUDEPATH", "FFSI_FREEFEM"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("PATH", f"{tmp_path}/usr/bin")
+    monkeypatch.setattr(installation, "PLUGIN_FOLDERS", (f"{tmp_path}/usr/lib/*/freefem++",))
+    monkeypatch.setattr(installation, "INCLUDE_FOLDERS", (f"{tmp_path}/usr/include/freefem++/idp",))
+    return tmp_path
+
+
+@pytest.fixture
+def binary(machine):
+    return executable(machine / "usr/bin/FreeFem++-nw", "echo '-- FreeFem++ v4.9 ( - git no git)'")
+
+
+def test_finds_debians_layout(machine, binary):
+    folder = plugins(machine / "usr/lib/x86_64-linux-gnu/freefem++")
+    idp = machine / "usr/include/freefem++/idp"
+    idp.mkdir(parents=True)
+    (idp / "getARGV.idp").touch()
+    found = find_freefem()
+    assert found.binary == binary
+    assert found.version == "4.9"
+    assert found.plugin_folder == folder
+    assert found.load_path == f"{folder};;"
+    assert found.include_path == f"{idp};;"
+    assert found.plugins == set(PLUGINS)
+    assert found.has_mumps
+    assert found.solver == "MUMPS"
+
+
+def test_folders_beside_the_binary_win_over_those_of_packages(machine, binary):
+    plugins(machine / "usr/lib/x86_64-linux-gnu/freefem++")
+    own = executable(machine / "own/bin/FreeFem++-nw", "echo FreeFem++ v4.15")
+    folder = plugins(machine / "own/lib/ff++/4.15/lib")
+    link = machine / "usr/bin/FreeFem++-nw"
+    link.unlink()
+    link.symlink_to(own)
+    found = find_freefem()
+    assert found.plugin_folder == folder
+    assert found.version == "4.15"
+
+
+def test_a_folder_with_more_plugins_wins(machine, binary):
+    plugins(machine / "usr/lib/a/freefem++", ("Element_QF",))
+    complete = plugins(machine / "usr/lib/b/freefem++")
+    plugins(machine / "usr/lib/c/freefem++", ("Element_QF", "bfstream"))
+    assert find_freefem().plugin_folder == complete
+
+
+def test_the_users_variables_are_taken_as_they_are(machine, binary, monkeypatch):
+    plugins(machine / "usr/lib/x86_64-linux-gnu/freefem++")
+    mine = plugins(machine / "mine")
+    monkeypatch.setenv("FF_LOADPATH", f"{machine}/nothing;{mine};;")
+    monkeypatch.setenv("FF_INCLUDEPATH", "/my/idp;;")
+    found = find_freefem()
+    assert found.load_path == f"{machine}/nothing;{mine};;"
+    assert found.include_path == "/my/idp;;"
+    assert found.plugin_folder == mine
+    environment = found.environment(threads=3)
+    assert environment["FF_LOADPATH"] == found.load_path
+    assert environment["OPENBLAS_NUM_THREADS"] == "3"
+
+
+def test_threads_none_leaves_the_variables_alone(machine, binary, monkeypatch):
+    plugins(machine / "usr/lib/x/freefem++")
+    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "7")
+    monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
+    environment = find_freefem().environment(threads=None)
+    assert environment["OPENBLAS_NUM_THREADS"] == "7"
+    assert "OMP_NUM_THREADS" not in environment
+
+
+def test_a_load_path_without_the_plugins_is_named(machine, binary, monkeypatch):
+    plugins(machine / "usr/lib/x/freefem++")
+    monkeypatch.setenv("FF_LOADPATH", "/no/such;;")
+    with pytest.raises(FreeFEMNotFound, match="FF_LOADPATH='/no/such;;'") as caught:
+        find_freefem()
+    assert caught.value.kind == "missing-plugin"
+
+
+def test_the_named_binary_wins_over_the_path(machine, binary, monkeypatch):
+    plugins(machine / "usr/lib/x/freefem++")
+    other = executable(machine / "other/ff", "echo FreeFem++ v4.13")
+    monkeypatch.setenv("FFSI_FREEFEM", str(other))
+    found = find_freefem()
+    assert (found.binary, found.version) == (other, "4.13")
+
+
+def test_a_named_binary_that_is_absent_is_an_error(machine, binary, monkeypatch):
+    monkeypatch.setenv("FFSI_FREEFEM", "/no/such/ff")
+    with pytest.raises(FreeFEMNotFound, match="FFSI_FREEFEM=/no/such/ff"):
+        find_freefem()
+
+
+def test_a_machine_without_freefem_is_told_what_to_install(machine):
+    with pytest.raises(FreeFEMNotFound) as caught:
+        find_freefem()
+    assert isinstance(caught.value, FreeFEMError)
+    assert caught.value.kind == "missing-binary"
+    for package in ("freefem++ ", "libfreefem++ ", "libfreefem++-dev", "libopenblas0-pthread"):
+        assert package in str(caught.value)
+
+
+def test_the_graphical_binary_will_do(machine):
+    plugins(machine / "usr/lib/x/freefem++")
+    other = executable(machine / "usr/bin/FreeFem++", "echo FreeFem++ v4.9")
+    assert find_freefem().binary == other
+
+
+def test_no_plugins_at_all(machine, binary):
+    with pytest.raises(FreeFEMNotFound, match=r"Element_QF\.so.*were not found") as caught:
+        find_freefem()
+    assert caught.value.kind == "missing-plugin"
+
+
+def test_a_missing_required_plugin_is_named(machine, binary):
+    plugins(machine / "usr/lib/x/freefem++", ("MUMPS_seq", "Element_QF"))
+    with pytest.raises(FreeFEMNotFound, match=r"holds no bfstream\.so\.") as caught:
+        find_freefem()
+    assert caught.value.kind == "missing-plugin"
+
+
+def test_without_mumps_umfpack_and_a_warning(machine, binary, caplog):
+    plugins(machine / "usr/lib/x/freefem++", ("Element_QF", "bfstream"))
+    found = find_freefem()
+    assert not found.has_mumps
+    assert found.solver == "UMFPACK"
+    assert "MUMPS_seq" in caplog.text
+
+
+def test_something_else_under_the_name_is_refused(machine):
+    plugins(machine / "usr/lib/x/freefem++")
+    executable(machine / "usr/bin/FreeFem++-nw", "echo hello")
+    with pytest.raises(FreeFEMNotFound, match="it printed: hello"):
+        find_freefem()

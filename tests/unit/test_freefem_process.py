@@ -1,0 +1,314 @@
+"""run_script with shell scripts in the place of FreeFEM."""
+
+import contextlib
+import os
+import shutil
+import signal
+import stat
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from ffsi.freefem import Completed, FreeFEMError, Installation, child, process, run_script, stop_all
+from ffsi.freefem.process import command_line
+
+END = "echo '@ffsi end status=converged'"
+
+
+@pytest.fixture
+def fake(tmp_path):
+    """A function from shell text to an Installation whose binary it is; the script is tmp_path/case.edp."""
+    (tmp_path / "case.edp").write_text("int a = 1;\n")
+
+    def make(text: str) -> Installation:
+        binary = tmp_path / "FreeFem++-nw"
+        binary.write_text(f"#!/bin/bash\n{text}\n")
+        binary.chmod(binary.stat().st_mode | stat.S_IXUSR)
+        return Installation(binary, "4.9", "/plugins;;", "/idp;;", Path("/plugins"), frozenset({"MUMPS_seq"}))
+
+    return make
+
+
+def run(fake, tmp_path, text, **options) -> Completed:
+    return run_script(tmp_path / "case.edp", installation=fake(text), log=tmp_path / "freefem.log", **options)
+
+
+def is_alive(pid: int) -> bool:
+    """Whether a process runs; a zombie that nobody has reaped yet does not."""
+    with contextlib.suppress(OSError):
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] not in "ZX"
+    return False
+
+
+def wait_until(condition, seconds=5.0):
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, "it did not happen in time"
+        time.sleep(0.01)
+
+
+def test_a_complete_run(fake, tmp_path):
+    events = []
+    text = f"""echo '@ffsi start case=x'; echo noise; echo '@ffsi point point=1 points=2 status=converged'
+    echo '@ffsi warning text=slow going'; echo '@ffsi point point=2 points=2 status=failed'; {END}"""
+    done = run(fake, tmp_path, text, on_event=events.append)
+    assert (done.status, done.exit_code, done.reason) == ("converged", 0, "")
+    assert done.warnings == ("slow going",)
+    assert done.points == {1: "converged", 2: "failed"}
+    assert [event.kind for event in events] == ["start", "point", "warning", "point", "end"]
+    assert (tmp_path / "freefem.log").read_text().splitlines()[1] == "noise"
+    assert done.peak_memory >= 0
+    assert 0 < done.seconds < 5
+
+
+def test_command_environment_and_folder(fake, tmp_path):
+    (tmp_path / "sub").mkdir()
+    text = f'echo "$@"; echo "$FF_LOADPATH $FF_INCLUDEPATH $OPENBLAS_NUM_THREADS $OMP_NUM_THREADS"; pwd; {END}'
+    run(fake, tmp_path, text, arguments={"mesh_level": 2, "x": 0.1}, cwd=tmp_path / "sub", threads=4)
+    first, second, third, _ = (tmp_path / "freefem.log").read_text().splitlines()
+    assert first == f"-nw -ns -v 0 {tmp_path / 'case.edp'} -mesh_level 2 -x 0.1"
+    assert second == "/plugins;; /idp;; 4 4"
+    assert third == str(tmp_path / "sub")
+
+
+def test_not_converged_is_a_result(fake, tmp_path):
+    text = "echo '@ffsi failed point=3 text=no step left'; echo '@ffsi end status=failed'; exit 3"
+    done = run(fake, tmp_path, text)
+    assert (done.status, done.exit_code, done.reason) == ("failed", 3, "no step left")
+
+
+def test_exit_code_3_beats_a_marker_that_says_converged(fake, tmp_path):
+    assert run(fake, tmp_path, f"{END}; exit 3").status == "failed"
+
+
+def test_exit_code_0_without_the_marker_is_an_error(fake, tmp_path):
+    with pytest.raises(FreeFEMError, match="without its end marker") as caught:
+        run(fake, tmp_path, "echo '@ffsi point point=1 status=converged'")
+    assert caught.value.kind == "crash"
+    assert caught.value.log == tmp_path / "freefem.log"
+
+
+def test_a_marker_that_is_cut_off_does_not_count(fake, tmp_path):
+    with pytest.raises(FreeFEMError):
+        run(fake, tmp_path, "printf '@ffsi en'")
+
+
+def test_a_marker_without_a_newline_counts(fake, tmp_path):
+    assert run(fake, tmp_path, "printf '@ffsi end status=converged'").status == "converged"
+
+
+def test_an_error_after_the_marker_is_an_error(fake, tmp_path):
+    with pytest.raises(FreeFEMError) as caught:
+        run(fake, tmp_path, f"{END}; echo '  current line = 1'; echo 'Exec error : exec assert'; exit 8")
+    assert caught.value.kind == "assert"
+    assert caught.value.source_line == "int a = 1;"
+
+
+def test_a_crash_in_the_shutdown_is_a_warning(fake, tmp_path):
+    done = run(fake, tmp_path, f"{END}; kill -SEGV $$")
+    assert done.status == "converged"
+    assert "signal 11" in done.warnings[0]
+
+
+def test_bad_input(fake, tmp_path):
+    with pytest.raises(FreeFEMError) as caught:
+        run(fake, tmp_path, "echo '@ffsi bad-input text=no parameter speed'; exit 2")
+    assert (caught.value.kind, caught.value.message) == ("bad-input", "no parameter speed")
+
+
+@pytest.mark.parametrize(
+    ("name", "kind"), [("KILL", "killed"), ("TERM", "killed"), ("SEGV", "crash"), ("FPE", "floating-point")]
+)
+def test_signals(fake, tmp_path, monkeypatch, name, kind):
+    monkeypatch.setattr(child, "oom_kills", lambda: 0)
+    with pytest.raises(FreeFEMError, match=f"SIG{name}") as caught:
+        run(fake, tmp_path, f"kill -{name} $$; sleep 5")
+    assert caught.value.kind == kind
+
+
+def test_sigkill_while_the_kernel_counted_an_out_of_memory_kill(fake, tmp_path, monkeypatch):
+    counts = iter([4, 5, 5, 5])
+    monkeypatch.setattr(child, "oom_kills", lambda: next(counts))
+    with pytest.raises(FreeFEMError) as caught:
+        run(fake, tmp_path, "kill -KILL $$")
+    assert caught.value.kind == "out-of-memory"
+
+
+def test_time_limit_kills_the_whole_group(fake, tmp_path):
+    start = time.monotonic()
+    text = f"echo '@ffsi newton point=1 iteration=4'; sleep 60 & echo $! > {tmp_path}/pid; wait"
+    with pytest.raises(FreeFEMError, match=r"time limit of 0\.3 s") as caught:
+        run(fake, tmp_path, text, time_limit=0.3)
+    assert time.monotonic() - start < 3
+    assert caught.value.kind == "time-limit"
+    assert "newton point=1 iteration=4" in caught.value.message
+    wait_until(lambda: not is_alive(int((tmp_path / "pid").read_text())))
+
+
+def test_time_limit_holds_for_a_process_that_never_stops_printing(fake, tmp_path):
+    with pytest.raises(FreeFEMError) as caught:
+        run(fake, tmp_path, "while true; do echo noise; done", time_limit=0.3)
+    assert caught.value.kind == "time-limit"
+
+
+def test_time_limit_holds_for_a_process_that_closed_its_output(fake, tmp_path):
+    with pytest.raises(FreeFEMError) as caught:
+        run(fake, tmp_path, f"{END}; exec >&- 2>&-; sleep 60", time_limit=0.3)
+    assert caught.value.kind == "time-limit"
+
+
+def test_a_grandchild_that_keeps_the_pipe_does_not_hang_us(fake, tmp_path):
+    start = time.monotonic()
+    text = f"setsid sleep 20 & echo $! > {tmp_path}/pid; {END}"
+    assert run(fake, tmp_path, text).status == "converged"
+    assert time.monotonic() - start < 5
+    os.kill(int((tmp_path / "pid").read_text()), signal.SIGKILL)
+
+
+def test_last_words_are_not_lost(fake, tmp_path):
+    """Much output right before the end: the reader must not stop at the first sight of a dead process."""
+    done = run(fake, tmp_path, f"for i in $(seq 20000); do echo line $i of many; done; {END}")
+    assert done.status == "converged"
+    assert len((tmp_path / "freefem.log").read_text().splitlines()) == 20001
+
+
+@pytest.mark.parametrize("error", [RuntimeError("stop"), KeyboardInterrupt()])
+def test_an_exception_of_the_callback_kills_the_process(fake, tmp_path, error):
+    def callback(event):
+        raise error
+
+    with pytest.raises(type(error)):
+        run(fake, tmp_path, f"echo $$ > {tmp_path}/pid; echo '@ffsi start case=x'; sleep 60", on_event=callback)
+    assert not is_alive(int((tmp_path / "pid").read_text()))
+
+
+PROGRAM = """
+import sys
+from pathlib import Path
+from ffsi.freefem import Installation, run_script
+folder = Path(sys.argv[1])
+run_script(folder / "case.edp", installation=Installation(
+    folder / "FreeFem++-nw", "4.9", ";;", ";;", folder, frozenset()))
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGKILL])
+def test_the_process_dies_with_python(fake, tmp_path, number):
+    if number == signal.SIGKILL and shutil.which("setpriv") is None:
+        pytest.skip("no setpriv here")
+    fake(f"echo $$ > {tmp_path}/new; mv {tmp_path}/new {tmp_path}/pid; exec sleep 60")
+    root = str(Path(process.__file__).parents[2])
+    python = subprocess.Popen(
+        [sys.executable, "-c", PROGRAM, tmp_path], env={**os.environ, "PYTHONPATH": root}, stderr=subprocess.DEVNULL
+    )
+    wait_until((tmp_path / "pid").exists)
+    pid = int((tmp_path / "pid").read_text())
+    assert is_alive(pid)
+    python.send_signal(number)
+    code = python.wait(10)
+    wait_until(lambda: not is_alive(pid))
+    assert code == (128 + number if number == signal.SIGTERM else -number)
+
+
+def test_sigterm_is_ours_only_during_the_run(fake, tmp_path):
+    seen = []
+    before = signal.getsignal(signal.SIGTERM)
+    run(fake, tmp_path, f"echo '@ffsi start'; {END}", on_event=lambda e: seen.append(signal.getsignal(signal.SIGTERM)))
+    assert callable(seen[0])
+    assert signal.getsignal(signal.SIGTERM) is before
+
+
+def test_stop_all_from_another_thread(fake, tmp_path, monkeypatch):
+    monkeypatch.setattr(child, "oom_kills", lambda: 0)
+    errors = []
+
+    def work():
+        try:
+            run(fake, tmp_path, "echo '@ffsi start case=x'; exec sleep 60", on_event=lambda event: started.set())
+        except FreeFEMError as error:
+            errors.append(error.kind)
+
+    started = threading.Event()
+    thread = threading.Thread(target=work)
+    thread.start()
+    assert started.wait(5)
+    assert stop_all() == 1
+    thread.join(5)
+    assert errors == ["killed"]
+    assert stop_all() == 0
+
+
+def test_a_log_on_a_full_disk(fake, tmp_path):
+    with pytest.raises(FreeFEMError, match="No space left") as caught:
+        run_script(
+            tmp_path / "case.edp", installation=fake(f"echo $$ > {tmp_path}/pid; {END}; sleep 60"), log="/dev/full"
+        )
+    assert caught.value.kind == "disk-full"
+    assert not is_alive(int((tmp_path / "pid").read_text()))
+
+
+@pytest.mark.parametrize("ending", [END, "exit 8"])
+def test_a_full_run_folder(fake, tmp_path, monkeypatch, ending):
+    full = SimpleNamespace(f_blocks=1000, f_bfree=3, f_bavail=3, f_frsize=4096)
+    real = os.statvfs
+    monkeypatch.setattr(process.os, "statvfs", lambda path: full if Path(path).name == "out" else real(path))
+    (tmp_path / "out").mkdir()
+    with pytest.raises(FreeFEMError, match="full") as caught:
+        run(fake, tmp_path, ending, arguments={"out": str(tmp_path / "out")})
+    assert caught.value.kind == "disk-full"
+
+
+def test_a_binary_that_is_gone(fake, tmp_path):
+    installation = fake(END)
+    installation.binary.unlink()
+    with pytest.raises(FreeFEMError) as caught:
+        run_script(tmp_path / "case.edp", installation=installation)
+    assert caught.value.kind == "missing-binary"
+
+
+def test_a_binary_that_is_gone_without_setpriv(fake, tmp_path, monkeypatch):
+    monkeypatch.setattr(child, "_die_with_parent", list)
+    test_a_binary_that_is_gone(fake, tmp_path)
+
+
+def test_umfpacks_complaint_becomes_a_warning(fake, tmp_path):
+    done = run(fake, tmp_path, f"echo ' Error umpfack umfpack_di_numeric  status  1'; {END}")
+    assert done.warnings == ("UMFPACK: Error umpfack umfpack_di_numeric  status  1",)
+
+
+def test_broken_progress_lines_are_logged_and_skipped(fake, tmp_path, caplog):
+    assert run(fake, tmp_path, f"echo '@ffsi point 3'; {END}").status == "converged"
+    assert "not key=value" in caplog.text
+
+
+def test_a_script_that_is_absent(fake, tmp_path):
+    with pytest.raises(FileNotFoundError, match=r"nothing\.edp"):
+        run_script(tmp_path / "nothing.edp", installation=fake(END))
+
+
+def test_a_log_in_a_new_folder(fake, tmp_path):
+    run_script(tmp_path / "case.edp", installation=fake(END), log=tmp_path / "a/b/log")
+    assert (tmp_path / "a/b/log").exists()
+
+
+def test_arguments_keep_every_digit():
+    values = {"level": 2, "viscosity": 1e-3 / 3, "time_step": 1e-20, "out": Path("/x y"), "name": "flap", "flag": True}
+    assert command_line(values) == [
+        "-level", "2", "-viscosity", "0.0003333333333333333", "-time_step", "1e-20", "-out", "/x y", "-name", "flap",
+        "-flag", "1",
+    ]  # fmt: skip
+    numpy = pytest.importorskip("numpy")
+    assert command_line({"x": numpy.float64(0.1), "n": numpy.int64(3)}) == ["-x", "0.1", "-n", "3"]
+
+
+@pytest.mark.parametrize(
+    "arguments", [{"x": float("nan")}, {"x": float("inf")}, {"": 1}, {"-x": 1}, {"a b": 1}, {"x": ""}]
+)
+def test_arguments_that_cannot_be_passed_on(arguments):
+    with pytest.raises(ValueError, match=r"finite|no name|empty"):
+        command_line(arguments)

@@ -1,0 +1,143 @@
+"""Binary files: what is written is read back, and what is wrong is named."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from test_reference_cases import flap_mesh
+
+from ffsi.rawfiles import (
+    RawFileError,
+    RawState,
+    read_arrays,
+    read_mesh,
+    read_state,
+    write_arrays,
+    write_mesh,
+    write_state,
+)
+
+
+@pytest.fixture
+def state():
+    mesh, rng = flap_mesh(), np.random.default_rng(1)
+    return RawState(
+        rng.normal(size=(mesh.n_p2, 2)), rng.normal(size=(mesh.n_p2, 2)), rng.normal(size=len(mesh.vertices))
+    )
+
+
+def test_layout_is_length_then_values_little_endian(tmp_path):
+    path = tmp_path / "two.bin"
+    write_arrays(path, [np.array([1, -2]), np.array([0.5])])
+    assert path.read_bytes() == (
+        (2).to_bytes(8, "little")
+        + (1).to_bytes(8, "little")
+        + (-2).to_bytes(8, "little", signed=True)
+        + (1).to_bytes(8, "little")
+        + bytes.fromhex("000000000000e03f")
+    )
+    whole, fraction = read_arrays(path, (int, float))
+    assert whole.tolist() == [1, -2]
+    assert fraction.tolist() == [0.5]
+
+
+def test_mesh_round_trip(tmp_path):
+    mesh = flap_mesh()
+    write_mesh(tmp_path / "mesh.bin", mesh)
+    again = read_mesh(tmp_path / "mesh.bin")
+    for field in dataclasses.fields(mesh):
+        np.testing.assert_array_equal(getattr(again, field.name), getattr(mesh, field.name))
+
+
+def test_state_round_trip(tmp_path, state):
+    write_state(tmp_path / "point-0001.bin", state)
+    again = read_state(tmp_path / "point-0001.bin", flap_mesh())
+    for field in ("u", "v", "p"):
+        np.testing.assert_array_equal(getattr(again, field), getattr(state, field))
+
+
+@pytest.mark.parametrize("kept", [0, 7, 8, 60, -1])
+def test_truncated_file_is_refused(tmp_path, kept):
+    path = tmp_path / "mesh.bin"
+    write_mesh(path, flap_mesh())
+    path.write_bytes(path.read_bytes()[:kept])
+    with pytest.raises(RawFileError, match=r"mesh\.bin: truncated: array \d of 8"):
+        read_mesh(path)
+
+
+def test_file_with_more_than_it_should_hold_is_refused(tmp_path):
+    path = tmp_path / "mesh.bin"
+    write_mesh(path, flap_mesh())
+    path.write_bytes(path.read_bytes() + b"\0" * 8)
+    with pytest.raises(RawFileError, match="8 bytes follow the last of 8 arrays"):
+        read_mesh(path)
+
+
+def test_other_version_is_refused(tmp_path):
+    path = tmp_path / "mesh.bin"
+    write_mesh(path, flap_mesh())
+    data = bytearray(path.read_bytes())
+    data[8] = 2
+    path.write_bytes(data)
+    with pytest.raises(RawFileError, match=r"header \[2, "):
+        read_mesh(path)
+
+
+def test_header_that_disagrees_with_the_arrays_is_refused(tmp_path):
+    path = tmp_path / "mesh.bin"
+    write_mesh(path, flap_mesh())
+    data = bytearray(path.read_bytes())
+    data[16] += 1  # nv
+    path.write_bytes(data)
+    with pytest.raises(RawFileError, match=r"x has \d+ values, the header says"):
+        read_mesh(path)
+
+
+def test_header_with_another_number_of_quadratic_nodes_is_refused(tmp_path):
+    path = tmp_path / "mesh.bin"
+    write_mesh(path, flap_mesh())
+    data = bytearray(path.read_bytes())
+    data[40] ^= 1  # n2
+    path.write_bytes(data)
+    with pytest.raises(RawFileError, match=r"P2 nodes are used, the header says"):
+        read_mesh(path)
+
+
+def test_state_of_another_mesh_is_refused(tmp_path, state):
+    write_state(tmp_path / "point-0001.bin", dataclasses.replace(state, p=state.p[:-1]))
+    with pytest.raises(RawFileError, match=r"p has \d+ values, the mesh has"):
+        read_state(tmp_path / "point-0001.bin", flap_mesh())
+
+
+def test_value_that_is_not_finite_is_named(tmp_path, state):
+    state.v[3, 1] = np.nan
+    write_state(tmp_path / "point-0001.bin", state)
+    with pytest.raises(RawFileError, match="vy has a value that is not finite, the first at node 3"):
+        read_state(tmp_path / "point-0001.bin", flap_mesh())
+
+
+def test_vertex_number_out_of_range_is_refused():
+    mesh = flap_mesh()
+    with pytest.raises(RawFileError, match="triangles names a vertex outside"):
+        dataclasses.replace(mesh, triangles=mesh.triangles + 1)
+
+
+def test_gap_in_the_quadratic_numbering_is_refused():
+    mesh = flap_mesh()
+    with pytest.raises(RawFileError, match="without a gap"):
+        dataclasses.replace(mesh, p2=mesh.p2 + 1)
+
+
+def test_nodes_of_edges_lie_at_their_ends_and_middle():
+    mesh = flap_mesh()
+    first, second, middle = mesh.p2_coordinates[mesh.edge_nodes].transpose(1, 0, 2)
+    np.testing.assert_array_equal(first, mesh.vertices[mesh.edges[:, 0]])
+    np.testing.assert_array_equal(second, mesh.vertices[mesh.edges[:, 1]])
+    np.testing.assert_allclose(middle, 0.5 * (first + second), rtol=0, atol=1e-16)
+
+
+def test_edge_that_is_no_side_is_refused():
+    mesh = flap_mesh()
+    far = np.array([[0, len(mesh.vertices) - 1]])
+    with pytest.raises(RawFileError, match="edge 0 is no side of any triangle"):
+        _ = dataclasses.replace(mesh, edges=far, label=np.array([1])).edge_nodes

@@ -1,0 +1,200 @@
+"""Small structured cases which the tests of the reference checker share, and tests of their meshes."""
+
+import dataclasses
+
+import numpy as np
+
+from ffsi.rawfiles import RawMesh, RawState
+from ffsi.reference.materials import StVenantKirchhoff
+from ffsi.reference.problem import Boundary, Fluid, MeshMotion, Problem, Solid
+from ffsi.reference.structured import structured_mesh
+
+LENGTH, HEIGHT = 2.0, 1.0
+MEAN_VELOCITY = 0.3
+BLOCK = (0.75, 1.0, 0.5)  # left, right, top of the elastic block on the floor
+BUMP = (1.0, -0.3, 0.5)  # centre and radius of the circle whose top stands out of the floor
+
+
+def profile(y):
+    return 6.0 * MEAN_VELOCITY * y / HEIGHT * (1.0 - y / HEIGHT)
+
+
+def in_block(x, y):
+    return BLOCK[0] < x < BLOCK[1] and y < BLOCK[2]
+
+
+def flap_mesh(n=8):
+    """Channel with a block on its floor; n rectangles over the height."""
+
+    def label(x, y):
+        if x in (0.0, LENGTH):
+            return 1 if x == 0.0 else 2
+        if y in (0.0, HEIGHT):
+            return 6 if y == 0.0 and in_block(x, y) else 3
+        return 5
+
+    return structured_mesh(
+        np.linspace(0, LENGTH, 2 * n + 1), np.linspace(0, HEIGHT, n + 1), lambda x, y: 1 + in_block(x, y), label
+    )
+
+
+def flap_problem(**changes) -> Problem:
+    """The block bends by about a sixth of its height, so every nonlinearity counts."""
+    values = dict(
+        name="flap",
+        fluid=Fluid(density=1.0, viscosity=0.02),
+        boundaries=(
+            Boundary("inlet", 1, "inlet"),
+            Boundary("outlet", 2, "outlet"),
+            Boundary("walls", 3, "no-slip"),
+            Boundary("surface", 5, "interface", part="flap"),
+            Boundary("root", 6, "clamped"),
+        ),
+        solids={2: Solid(2.0, StVenantKirchhoff(60.0, 30.0))},
+        gravity=(0.01, -0.05),
+        outlet="do-nothing",
+        mesh_motion=MeshMotion(stiffness_exponent=1.0, divergence_weight=1.0),
+        inflow_profile=profile,
+        mean_velocity=MEAN_VELOCITY,
+        reference_length=0.5,
+    )
+    return Problem(**(values | changes))
+
+
+def channel_mesh(nx=6, ny=4, grading=1.0, region=1) -> RawMesh:
+    """Rectangle with the labels 1 left, 2 right, 3 top, 4 floor; ``grading`` above 1 narrows the cells to the floor."""
+
+    def label(x, y):
+        if x in (0.0, LENGTH):
+            return 1 if x == 0.0 else 2
+        return 4 if y == 0.0 else 3
+
+    y = HEIGHT * np.linspace(0, 1, ny + 1) ** grading
+    return structured_mesh(np.linspace(0, LENGTH, nx + 1), y, lambda x, y: region, label)
+
+
+def channel_problem(**changes) -> Problem:
+    """Plane channel flow."""
+    values = dict(
+        name="channel",
+        fluid=Fluid(density=1.3, viscosity=0.05),
+        boundaries=(
+            Boundary("inlet", 1, "inlet"),
+            Boundary("outlet", 2, "outlet"),
+            Boundary("roof", 3, "no-slip"),
+            Boundary("floor", 4, "no-slip", part="floor"),
+        ),
+        outlet="do-nothing",
+        inflow_profile=profile,
+        mean_velocity=MEAN_VELOCITY,
+        reference_length=LENGTH,
+    )
+    return Problem(**(values | changes))
+
+
+def box_problem(**changes) -> Problem:
+    """Fluid in a box without open sides: every boundary node is constrained, every inner one has a row."""
+    boundaries = tuple(
+        Boundary(name, label, "no-slip", part=name)
+        for label, name in enumerate(("left", "right", "roof", "floor"), start=1)
+    )
+    return channel_problem(boundaries=boundaries, **changes)
+
+
+def bump_mesh(nx=16, ny=8) -> RawMesh:
+    """Channel whose floor follows the top of a circle, label 5."""
+    xc, yc, radius = BUMP
+    half = np.sqrt(radius**2 - yc**2)
+    x = np.concatenate(
+        [
+            np.linspace(0, xc - half, nx // 4 + 1),
+            np.linspace(xc - half, xc + half, nx // 2 + 1)[1:-1],
+            np.linspace(xc + half, LENGTH, nx // 4 + 1),
+        ]
+    )
+
+    def label(x, y):
+        if x in (0.0, LENGTH):
+            return 1 if x == 0.0 else 2
+        return 3 if y == HEIGHT or abs(x - xc) > half else 5
+
+    flat = structured_mesh(x, np.linspace(0, HEIGHT, ny + 1), lambda x, y: 1, label)
+    vx, vy = flat.vertices.T
+    rise = np.maximum(yc + np.sqrt(np.maximum(radius**2 - (vx - xc) ** 2, 0.0)), 0.0)
+    rise[np.isclose(abs(vx - xc), half)] = 0.0
+    return dataclasses.replace(flat, vertices=np.column_stack([vx, vy + rise * (1.0 - vy / HEIGHT)]))
+
+
+def bump_problem(**changes) -> Problem:
+    boundaries = (
+        Boundary("inlet", 1, "inlet"),
+        Boundary("outlet", 2, "outlet"),
+        Boundary("walls", 3, "no-slip"),
+        Boundary("bump", 5, "no-slip", part="bump", circle=BUMP),
+    )
+    return channel_problem(boundaries=boundaries, **changes)
+
+
+def cantilever_problem(**changes) -> Problem:
+    """An elastic block, clamped at its left side, that sags under its weight."""
+    values = dict(
+        name="cantilever",
+        fluid=None,
+        boundaries=(
+            Boundary("root", 1, "clamped"),
+            Boundary("tip", 2, "free"),
+            Boundary("top", 3, "free"),
+            Boundary("bottom", 4, "free"),
+        ),
+        solids={2: Solid(1.5, StVenantKirchhoff(60.0, 30.0))},
+        gravity=(0.0, -1.0),
+    )
+    return Problem(**(values | changes))
+
+
+def state_of(mesh, u=None, v=None, p=None) -> RawState:
+    """Nodal values of functions of the coordinates (n, 2); zero where none is given."""
+    points = mesh.p2_coordinates
+    return RawState(
+        u=u(points) if u else np.zeros_like(points),
+        v=v(points) if v else np.zeros_like(points),
+        p=p(mesh.vertices) if p else np.zeros(len(mesh.vertices)),
+    )
+
+
+def areas(mesh):
+    a, b, c = mesh.vertices[mesh.triangles].transpose(1, 2, 0)
+    return 0.5 * ((b - a)[0] * (c - a)[1] - (b - a)[1] * (c - a)[0])
+
+
+def test_meshes_cover_their_regions_with_positive_triangles():
+    mesh = flap_mesh()
+    block = (BLOCK[1] - BLOCK[0]) * BLOCK[2]
+    np.testing.assert_allclose(areas(mesh)[mesh.region == 2].sum(), block, rtol=1e-14)
+    np.testing.assert_allclose(areas(mesh)[mesh.region == 1].sum(), LENGTH * HEIGHT - block, rtol=1e-14)
+    for other in (mesh, channel_mesh(grading=2.0), bump_mesh()):
+        assert areas(other).min() > 0.0
+
+
+def test_labels_cover_the_outline_and_the_interface():
+    mesh = flap_mesh(8)
+    lengths = np.linalg.norm(np.diff(mesh.vertices[mesh.edges], axis=1)[:, 0], axis=1)
+    found = {int(label): float(lengths[mesh.label == label].sum()) for label in np.unique(mesh.label)}
+    width, top = BLOCK[1] - BLOCK[0], BLOCK[2]
+    expected = {1: HEIGHT, 2: HEIGHT, 3: 2 * LENGTH - width, 5: 2 * top + width, 6: width}
+    assert found.keys() == expected.keys()
+    for label, length in expected.items():
+        np.testing.assert_allclose(found[label], length, rtol=1e-14)
+
+
+def test_hole_leaves_no_unused_vertex():
+    mesh = structured_mesh(
+        np.linspace(0, 1, 5),
+        np.linspace(0, 1, 5),
+        lambda x, y: int(max(abs(x - 0.5), abs(y - 0.5)) > 0.25),
+        lambda x, y: 1,
+    )
+    assert len(mesh.triangles) == 24
+    assert (np.unique(mesh.triangles) == np.arange(len(mesh.vertices))).all()
+    # V - E + F = 0 for a ring: E from the P2 nodes, which are vertices and edges.
+    assert len(mesh.vertices) - (mesh.n_p2 - len(mesh.vertices)) + len(mesh.triangles) == 0

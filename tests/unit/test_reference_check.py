@@ -1,0 +1,272 @@
+"""The checker accepts a solution and refuses it after the smallest lie, naming what is wrong."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+from test_reference_cases import (
+    bump_mesh,
+    bump_problem,
+    cantilever_problem,
+    channel_mesh,
+    channel_problem,
+    flap_mesh,
+    flap_problem,
+)
+
+from ffsi.rawfiles import RawState, write_mesh, write_state
+from ffsi.reference.check import check_run, check_state
+from ffsi.reference.forces import coefficient_scale, compute_forces
+from ffsi.reference.from_scene import problem_from_scene
+from ffsi.reference.problem import Boundary
+from ffsi.reference.solve import solve
+from ffsi.reference.structured import structured_mesh
+from ffsi.reference.system import System
+from ffsi.scene import CASES, with_values
+
+
+def solved(problem, mesh):
+    system = System.build(problem, mesh)
+    solution = solve(system, tolerance=1e-11)
+    forces = compute_forces(system, solution.state, solution.residual)
+    quantities = {}
+    if forces.total is not None:
+        drag, lift = forces.total.residual
+        unit = coefficient_scale(system)
+        quantities = {"drag": drag, "lift": lift, "drag_coefficient": drag / unit, "lift_coefficient": lift / unit}
+    return problem, mesh, solution.state, quantities
+
+
+@pytest.fixture(scope="module")
+def flap():
+    return solved(flap_problem(), flap_mesh())
+
+
+@pytest.fixture(scope="module")
+def bump():
+    return solved(bump_problem(), bump_mesh())
+
+
+@pytest.fixture(scope="module")
+def cantilever():
+    return solved(cantilever_problem(), channel_mesh(nx=12, region=2))
+
+
+def copy(state):
+    return RawState(state.u.copy(), state.v.copy(), state.p.copy())
+
+
+def failing(report):
+    """Names of the checks that failed."""
+    return {name for text in report.failures if (name := text.split(":")[0]) != "recomputed"}
+
+
+def largest(values, where):
+    """Index of the largest absolute value among the nodes where the mask holds."""
+    masked = np.where(where if values.ndim == 1 else where[:, None], np.abs(values), -1.0)
+    return np.unravel_index(masked.argmax(), values.shape)
+
+
+@pytest.mark.parametrize("case", ["flap", "bump", "cantilever"])
+def test_solution_passes(case, request):
+    report = check_state(*request.getfixturevalue(case))
+    assert report.failures == []
+    assert report.passed
+    assert report.momentum < 1e-9
+    assert report.min_jacobian > 0.0
+
+
+def test_equations_that_a_scene_has_not_are_none(flap, bump, cantilever):
+    def absent(case):
+        report = check_state(*case)
+        names = ("momentum", "continuity", "kinematics", "mesh_motion", "drag_difference", "lift_difference")
+        return {name for name in names if getattr(report, name) is None}
+
+    assert absent(flap) == set()
+    assert absent(bump) == {"kinematics", "mesh_motion"}
+    assert absent(cantilever) == {"continuity", "kinematics", "mesh_motion", "drag_difference", "lift_difference"}
+
+
+# What is changed by a thousandth of itself (at its largest value), and which checks must see it.
+LIES = {
+    "u in the solid": ("u", "solid", {"momentum"}),
+    "u in the fluid": ("u", "fluid", {"mesh_motion", "momentum", "continuity"}),
+    "u on the interface": ("u", "interface", {"mesh_motion", "momentum", "continuity"}),
+    "v in the fluid": ("v", "fluid", {"momentum", "continuity"}),
+    "v at the inlet": ("v", "inlet", {"dirichlet"}),
+    "p": ("p", "wet", {"momentum"}),
+}
+
+
+@pytest.mark.parametrize("lie", LIES)
+def test_a_thousandth_of_one_unknown_is_seen(flap, lie):
+    problem, mesh, state, quantities = flap
+    field, place, expected = LIES[lie]
+    rows = System.build(problem, mesh).rows
+    solid, fluid = (np.isin(np.arange(mesh.n_p2), mesh.p2[mesh.region == region]) for region in (2, 1))
+    places = {
+        "solid": solid & ~fluid,
+        "fluid": fluid & ~solid & rows.mesh_motion,
+        "interface": solid & fluid & ~rows.u_given,
+        "inlet": mesh.p2_coordinates[:, 0] == 0.0,
+        "wet": ~rows.p_given,
+    }
+    changed = copy(state)
+    values = getattr(changed, field)
+    where = largest(values, places[place])
+    assert values[where] != 0.0
+    values[where] *= 1.001
+    report = check_state(problem, mesh, changed, quantities)
+    assert not report.passed
+    assert expected <= failing(report)
+
+
+def test_velocity_inside_the_solid_is_seen_by_the_kinematics_alone(flap):
+    problem, mesh, state, quantities = flap
+    changed = copy(state)
+    only_solid = np.setdiff1d(mesh.p2[mesh.region == 2], mesh.p2[mesh.region == 1])
+    changed.v[only_solid[3], 1] = 1e-3 * np.abs(state.v).max()
+    rows = System.build(problem, mesh).rows
+    assert rows.kinematics[only_solid[3]]
+    assert failing(check_state(problem, mesh, changed, quantities)) == {"kinematics"}
+
+
+def test_prescribed_values_are_checked(flap, bump):
+    problem, mesh, state, quantities = flap
+    wall = largest(mesh.p2_coordinates, System.build(problem, mesh).rows.v_given)[0]
+    for field in ("u", "v"):
+        changed = copy(state)
+        getattr(changed, field)[wall] += 1e-7
+        assert "dirichlet" in failing(check_state(problem, mesh, changed, quantities))
+    changed = copy(state)
+    changed.p[System.build(problem, mesh).rows.p_given] = 1e-7
+    assert failing(check_state(problem, mesh, changed, quantities)) == {"dirichlet"}
+    problem, mesh, state, quantities = bump
+    changed = copy(state)
+    changed.u[mesh.edge_nodes[mesh.label == 5, 2]] = 0.0  # straight edges instead of the circle
+    assert "dirichlet" in failing(check_state(problem, mesh, changed, quantities))
+
+
+@pytest.mark.parametrize(
+    ("name", "check"),
+    [
+        ("drag", "drag_difference"),
+        ("lift", "lift_difference"),
+        ("drag_coefficient", "coefficient_difference"),
+        ("lift_coefficient", "coefficient_difference"),
+    ],
+)
+def test_reported_forces_are_checked(bump, name, check):
+    problem, mesh, state, quantities = bump
+    lied = quantities | {name: quantities[name] * (1 + 2e-8)}
+    report = check_state(problem, mesh, state, lied)
+    assert failing(report) == {check}
+    assert getattr(report, check) == pytest.approx(2e-8, rel=1e-4)
+    assert any(text.startswith("recomputed: drag ") for text in report.failures)
+
+
+def test_missing_and_undefined_forces_fail(bump):
+    problem, mesh, state, quantities = bump
+    assert failing(check_state(problem, mesh, state, {})) == {"drag_difference", "lift_difference"}
+    assert failing(check_state(problem, mesh, state, quantities | {"drag": math.nan})) == {"drag_difference"}
+
+
+def test_vanishing_lift_is_compared_on_the_scale_of_the_force():
+    # Pressure of one pascal in a box pushes the floor down, without drag but for rounding.
+    mesh = channel_mesh()
+    walls = (Boundary("floor", 4, "no-slip", "floor"), *(Boundary(f"wall {k}", k, "no-slip") for k in (1, 2, 3)))
+    problem = channel_problem(boundaries=walls)
+    state = RawState(np.zeros((mesh.n_p2, 2)), np.zeros((mesh.n_p2, 2)), np.ones(len(mesh.vertices)))
+    report = check_state(problem, mesh, state, {"drag": 2e-9, "lift": -2.0})
+    assert report.drag_difference == pytest.approx(1e-9, rel=1e-5)
+    assert report.lift_difference < 1e-14
+
+
+def test_inverted_triangle_fails(flap):
+    problem, mesh, state, quantities = flap
+    changed = copy(state)
+    node = largest(mesh.p2_coordinates, System.build(problem, mesh).rows.mesh_motion)[0]
+    changed.u[node] += 1.0
+    report = check_state(problem, mesh, changed, quantities)
+    assert report.min_jacobian < 0.0
+    assert "min_jacobian" in failing(report)
+
+
+def test_solution_of_another_problem_is_refused(flap):
+    _, mesh, state, quantities = flap
+    fast = flap[0].inflow_profile
+    for changes, expected in (
+        (dict(gravity=(0.01, -0.0501)), {"momentum"}),
+        (dict(outlet="zero-traction"), {"momentum"}),
+        (dict(mesh_motion=type(flap[0].mesh_motion)(1.0, 1.01)), {"mesh_motion"}),
+        (dict(inflow_profile=lambda y: 1.001 * fast(y)), {"dirichlet"}),
+        (dict(reference_length=0.51), {"coefficient_difference"}),
+    ):
+        assert expected <= failing(check_state(flap_problem(**changes), mesh, state, quantities))
+
+
+def test_state_of_another_mesh_is_an_error(flap):
+    problem, _, state, quantities = flap
+    with pytest.raises(ValueError, match="state of shapes"):
+        check_state(problem, flap_mesh(4), state, quantities)
+
+
+# Run folders ----------------------------------------------------------------------------------------------------------
+
+
+def scene_mesh(scene):
+    """Coarse structured mesh of a flap-channel scene."""
+    g = scene.geometry
+    left, right, top = g.flap_left, g.flap_left + g.flap_width, g.flap_height
+
+    def label(x, y):
+        if x in (0.0, g.length):
+            return 1 if x == 0.0 else 2
+        if y in (0.0, g.height):
+            return 6 if y == 0.0 and left < x < right else 3
+        return 5
+
+    x = np.concatenate([np.linspace(0, left, 9), np.linspace(left, right, 3)[1:], np.linspace(right, g.length, 9)[1:]])
+    y = np.concatenate([np.linspace(0, top, 5), np.linspace(top, g.height, 5)[1:]])
+    return structured_mesh(x, y, lambda x, y: 1 + (left < x < right and y < top), label)
+
+
+# Slow and stiff enough for the coarse mesh.
+CHANGES = {"inflow.mean_velocity": 0.05, "solid.flap.lame_lambda": 800.0, "solid.flap.lame_mu": 200.0}
+
+
+@pytest.fixture
+def run(tmp_path):
+    """Run folder of a solved scene, as a FreeFEM script would leave it, with its scene and outcome."""
+    scene = with_values(CASES["flap-svk"], CHANGES)
+    _, mesh, state, quantities = solved(problem_from_scene(scene), scene_mesh(scene))
+    outcome = {"parameters": CHANGES, "quantities": quantities}
+    write_mesh(tmp_path / "mesh.bin", mesh)
+    write_state(tmp_path / "point-0002.bin", state)
+    (tmp_path / "point-0002.json").write_text(json.dumps(outcome))
+    return tmp_path, scene, outcome
+
+
+def test_run_folder_is_checked(run):
+    directory, scene, outcome = run
+    report = check_run(directory, scene, point=2)
+    assert report.failures == []
+    assert report.forces.total.residual[0] == outcome["quantities"]["drag"]
+    assert report.forces.parts.keys() == {"flap"}
+    outcome["quantities"]["drag"] *= 1.0 + 1e-6
+    (directory / "point-0002.json").write_text(json.dumps(outcome))
+    assert failing(check_run(directory, scene, point=2)) == {"drag_difference"}
+
+
+def test_run_with_other_parameters_than_the_scene_is_refused(run):
+    directory, scene, _ = run
+    other = with_values(scene, {"inflow.mean_velocity": 0.06})
+    with pytest.raises(ValueError, match=r"the run used inflow\.mean_velocity = 0\.05 but the scene says 0\.06"):
+        check_run(directory, other, point=2)
+
+
+def test_point_that_is_missing_is_an_error(run):
+    directory, scene, _ = run
+    with pytest.raises(FileNotFoundError, match=r"point-0001\.json"):
+        check_run(directory, scene)

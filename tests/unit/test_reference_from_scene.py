@@ -1,0 +1,80 @@
+"""Every scene of the catalogue becomes the problem that it describes."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from ffsi.reference.from_scene import problem_from_scene, refuse_other_parameters
+from ffsi.reference.materials import StVenantKirchhoff
+from ffsi.reference.problem import Fluid, MeshMotion, Solid
+from ffsi.scene import CASES, boundaries, with_values
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_every_case_is_known(name):
+    scene = CASES[name]
+    problem = problem_from_scene(scene)
+    assert problem.name == name
+    assert [b.label for b in problem.boundaries] == [b.label for b in boundaries(scene)]
+    assert (problem.fluid is None) == (scene.fluid is None)
+    assert list(problem.solids) == list(range(2, 2 + len(scene.solid)))
+
+
+def test_turek_fsi1_has_the_published_values():
+    problem = problem_from_scene(CASES["turek-fsi1"])
+    assert problem.fluid == Fluid(density=1000.0, viscosity=1.0)
+    assert problem.solids.keys() == {2}
+    assert problem.solids[2].density == 1000.0
+    material = problem.solids[2].material
+    np.testing.assert_allclose([material.lame_lambda, material.lame_mu], [2e6, 0.5e6], rtol=1e-12)
+    assert problem.outlet == "do-nothing"
+    assert problem.reference_length == 0.1
+    assert problem.mean_velocity == 0.2
+    np.testing.assert_allclose(problem.inflow_profile(np.array([0.0, 0.205, 0.41])), [0, 0.3, 0], atol=1e-15)
+    circles = {b.name: b.circle for b in problem.boundaries if b.circle}
+    assert circles == {"cylinder": (0.2, 0.2, 0.05)}
+    assert problem.parts() == {"cylinder": [4], "beam": [5]}
+
+
+def test_values_reach_their_places():
+    changes = {
+        "gravity.x": 0.5,
+        "gravity.y": -2.0,
+        "mesh_motion.stiffness_exponent": 1.7,
+        "outlet.kind": "zero-traction",
+    }
+    problem = problem_from_scene(with_values(CASES["flap-svk"], changes | {"mesh_motion.divergence_weight": 0.3}))
+    assert problem.gravity == (0.5, -2.0)
+    assert problem.mesh_motion == MeshMotion(1.7, 0.3)
+    assert problem.outlet == "zero-traction"
+    assert problem.solids == {2: Solid(1.0, StVenantKirchhoff(8.0, 2.0))}
+
+
+def test_uniform_profile_has_a_value_per_node():
+    problem = problem_from_scene(with_values(CASES["flap-svk"], {"inflow.profile": "uniform"}))
+    np.testing.assert_array_equal(problem.inflow_profile(np.array([0.1, 0.2])), [0.12, 0.12])
+
+
+def test_solid_alone_has_neither_fluid_nor_inflow():
+    problem = problem_from_scene(CASES["turek-csm1"])
+    assert problem.fluid is None
+    assert problem.inflow_profile is None
+    assert problem.outlet is None
+    assert problem.gravity == (0.0, -2.0)
+
+
+def test_unknown_material_is_refused():
+    scene = CASES["flap-svk"]
+    fake = SimpleNamespace(**{key: getattr(scene, key) for key in (*type(scene).model_fields, "physics")})
+    fake.solid = {"flap": SimpleNamespace(material="rubber", density=1.0)}
+    fake.inflow = None
+    with pytest.raises(ValueError, match=r"solid\.flap: the reference checker does not know the material 'rubber'"):
+        problem_from_scene(fake)
+
+
+def test_parameters_are_compared_with_room_for_printing():
+    scene = CASES["flap-svk"]
+    refuse_other_parameters(scene, {"fluid.viscosity": 1e-3 * (1 + 1e-12), "unknown.key": 5.0})
+    with pytest.raises(ValueError, match=r"fluid\.viscosity = 0\.00100001 but the scene says 0\.001"):
+        refuse_other_parameters(scene, {"fluid.viscosity": 1.00001e-3})

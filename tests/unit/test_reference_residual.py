@@ -1,0 +1,263 @@
+"""Every term against flows and deformations whose exact solution lies in the finite element space."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from test_reference_cases import (
+    HEIGHT,
+    LENGTH,
+    areas,
+    box_problem,
+    bump_mesh,
+    bump_problem,
+    cantilever_problem,
+    channel_mesh,
+    channel_problem,
+    flap_mesh,
+    flap_problem,
+    profile,
+    state_of,
+)
+
+from ffsi.reference.problem import Boundary, Fluid, MeshMotion
+from ffsi.reference.residual import compute_residual
+from ffsi.reference.system import System
+
+ANGLE = 0.6
+ROTATION = np.array([[np.cos(ANGLE), -np.sin(ANGLE)], [np.sin(ANGLE), np.cos(ANGLE)]])
+STRETCH = np.diag([1.3, 0.8])
+DEFORMATION = ROTATION @ STRETCH
+DENSITY, VISCOSITY = 1.3, 0.05
+# Where all terms of an equation vanish its scale is 1e-7 of what cancels in them.
+ROUNDING = 2e-9
+
+
+def deformed_state(mesh, velocity, pressure):
+    """State on a mesh stretched and rotated by DEFORMATION; fields are given in the rotated frame's coordinates."""
+    return state_of(
+        mesh,
+        u=lambda x: x @ (DEFORMATION - np.eye(2)).T,
+        v=lambda x: velocity(x @ STRETCH) @ ROTATION.T,
+        p=lambda x: pressure(x @ STRETCH),
+    )
+
+
+def relative(problem, mesh, state):
+    return compute_residual(System.build(problem, mesh), state).relative
+
+
+def test_poiseuille_flow_is_exact_on_a_deformed_mesh():
+    height = STRETCH[1, 1] * HEIGHT
+    mesh = channel_mesh()
+    state = deformed_state(
+        mesh,
+        velocity=lambda x: np.column_stack([x[:, 1] * (height - x[:, 1]), 0 * x[:, 1]]),
+        pressure=lambda x: -2 * VISCOSITY * x[:, 0],
+    )
+    found = relative(box_problem(), mesh, state)
+    assert max(found.values()) < 1e-13
+    state.v[:] *= 1.001
+    assert relative(box_problem(), mesh, state)["momentum"] > 1e-4
+
+
+def test_convection_and_gravity_balance_the_pressure_on_a_deformed_mesh():
+    # v = (a, b x) has the acceleration (0, a b); with gravity the pressure is rho (g . x - a b y).
+    a, b, gravity = 0.7, 1.9, np.array([0.3, -0.8])
+    turned = ROTATION @ gravity
+    mesh = channel_mesh()
+    state = deformed_state(
+        mesh,
+        velocity=lambda x: np.column_stack([a + 0 * x[:, 0], b * x[:, 0]]),
+        pressure=lambda x: DENSITY * (x @ gravity - a * b * x[:, 1]),
+    )
+    problem = box_problem(gravity=(turned[0], turned[1]))
+    found = relative(problem, mesh, state)
+    assert max(found.values()) < 1e-13
+    for wrong in (dict(gravity=(0.0, 0.0)), dict(fluid=Fluid(2 * DENSITY, VISCOSITY))):
+        assert relative(dataclasses.replace(problem, **wrong), mesh, state)["momentum"] > 1e-2
+
+
+def test_continuity_sees_a_source():
+    mesh = channel_mesh()
+    state = state_of(mesh, v=lambda x: np.column_stack([x[:, 0], -0.999 * x[:, 1]]))
+    assert relative(box_problem(), mesh, state)["continuity"] == pytest.approx(1e-3, rel=1e-2)
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.5, 2.0])
+def test_do_nothing_outlet_holds_for_stagnation_flow_in_any_direction(turn):
+    # v = (c x, -c y), p = mu c satisfies -p n + mu (grad v) n = 0 at a vertical outlet and solves Stokes.
+    c = 0.4
+    rotation = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+    flat = channel_mesh()
+    mesh = dataclasses.replace(flat, vertices=flat.vertices @ rotation.T)
+    state = state_of(
+        mesh,
+        v=lambda x: (x @ rotation) * np.array([c, -c]) @ rotation.T,
+        p=lambda x: np.full(len(x), VISCOSITY * c),
+    )
+    problem = channel_problem(fluid=Fluid(0.0, VISCOSITY))
+    assert relative(problem, mesh, state)["momentum"] < 1e-13
+    # Free of traction is another condition: -p + 2 mu c = 0.
+    open_end = dataclasses.replace(problem, outlet="zero-traction")
+    assert relative(open_end, mesh, state)["momentum"] > 1e-2
+    state.p[:] *= 2.0
+    assert relative(open_end, mesh, state)["momentum"] < 1e-13
+
+
+def test_mesh_motion_is_the_derivative_of_its_energy():
+    # For a linear u, u . R(u) is twice the energy: the sum of alpha_K A_K (|H|^2 + beta (tr H)^2).
+    exponent, weight = 1.5, 0.7
+    problem = flap_problem(mesh_motion=MeshMotion(exponent, weight))
+    mesh = flap_mesh(4)
+    mesh = dataclasses.replace(mesh, vertices=mesh.vertices + _wiggle(mesh.vertices))
+    gradient = np.array([[0.02, 0.11], [-0.05, 0.03]])
+    state = state_of(mesh, u=lambda x: x @ gradient.T)
+    rows = compute_residual(System.build(problem, mesh), state).equations["mesh_motion"].residual
+    area = areas(mesh)[mesh.region == 1]
+    alpha = (area.max() / area) ** exponent
+    expected = (alpha * area).sum() * ((gradient**2).sum() + weight * np.trace(gradient) ** 2)
+    np.testing.assert_allclose((state.u * rows).sum(), expected, rtol=1e-13)
+    assert area.max() / area.min() > 1.2
+
+
+def _wiggle(points):
+    """Displacement that leaves the outline of the channel and makes its triangles unequal."""
+    return 0.2 * np.sin(3.0 * points[:, ::-1]) * points * np.array([LENGTH, HEIGHT] - points)
+
+
+def test_linear_mesh_motion_has_no_residual_inside_equal_triangles():
+    mesh = flap_mesh(4)
+    state = state_of(mesh, u=lambda x: x @ np.array([[0.02, 0.11], [-0.05, 0.03]]).T)
+    assert relative(flap_problem(), mesh, state)["mesh_motion"] < ROUNDING
+    graded = dataclasses.replace(mesh, vertices=mesh.vertices + _wiggle(mesh.vertices))
+    state = state_of(graded, u=lambda x: x @ np.array([[0.02, 0.11], [-0.05, 0.03]]).T)
+    assert relative(flap_problem(), graded, state)["mesh_motion"] > 1e-3
+
+
+def test_harmonic_mesh_motion_without_divergence_has_a_scale():
+    # Each component is an equation of its own: a scale by component would be the residual itself.
+    mesh = flap_mesh(4)
+    state = state_of(mesh, u=lambda x: np.column_stack([x[:, 0] * x[:, 1], 0 * x[:, 0]]))
+    problem = flap_problem(mesh_motion=MeshMotion(0.0, 0.0))
+    assert relative(problem, mesh, state)["mesh_motion"] < ROUNDING
+    state = state_of(mesh, u=lambda x: np.column_stack([x[:, 0] ** 2, 0 * x[:, 0]]))
+    assert relative(problem, mesh, state)["mesh_motion"] > 0.1
+
+
+def test_homogeneous_strain_of_a_solid_loads_its_sides_with_the_stress():
+    problem, mesh = cantilever_problem(gravity=(0.0, 0.0)), channel_mesh(region=2)
+    gradient = np.array([[0.1, 0.3], [-0.2, 0.15]])
+    state = state_of(mesh, u=lambda x: x @ gradient.T)
+    system = System.build(problem, mesh)
+    residual = compute_residual(system, state).equations["momentum"].residual
+    outside = np.unique(mesh.edge_nodes)
+    np.testing.assert_allclose(np.delete(residual, outside, axis=0), 0.0, atol=1e-13)
+    deformation = np.eye(2) + gradient
+    strain = 0.5 * (deformation.T @ deformation - np.eye(2))
+    stress = deformation @ (60.0 * np.trace(strain) * np.eye(2) + 60.0 * strain)
+    right = np.unique(mesh.edge_nodes[mesh.label == 2])
+    inner = right[(mesh.p2_coordinates[right, 1] > 0) & (mesh.p2_coordinates[right, 1] < HEIGHT)]
+    total = residual[inner].sum(axis=0)
+    # Simpson's weights: a corner of the side carries a sixth of its last edge.
+    np.testing.assert_allclose(total, stress[:, 0] * (HEIGHT - 2 * HEIGHT / 4 / 6), rtol=1e-13)
+
+
+def test_gravity_is_the_weight():
+    mesh = channel_mesh(region=2)
+    rows = compute_residual(System.build(cantilever_problem(), mesh), state_of(mesh)).equations["momentum"].terms
+    np.testing.assert_allclose(rows["gravity"].sum(axis=0), [0.0, 1.5 * LENGTH * HEIGHT], rtol=1e-14)
+    mesh = channel_mesh()
+    state = deformed_state(mesh, velocity=lambda x: 0 * x, pressure=lambda x: 0 * x[:, 0])
+    rows = compute_residual(System.build(box_problem(gravity=(0.0, -2.0)), mesh), state).equations["momentum"].terms
+    weight = DENSITY * 2.0 * np.linalg.det(DEFORMATION) * LENGTH * HEIGHT
+    np.testing.assert_allclose(rows["gravity"].sum(axis=0), [0.0, weight], rtol=1e-14)
+
+
+def test_smallest_jacobian_is_found_in_fluid_and_solid():
+    mesh = flap_mesh(4)
+    for squeezed in (0.4, 0.7):
+        state = state_of(mesh, u=lambda x, s=squeezed: x * np.array([s - 1.0, 0.0]))
+        found = compute_residual(System.build(flap_problem(), mesh), state).min_jacobian
+        assert found == pytest.approx(squeezed, rel=1e-13)
+
+
+def test_kinematics_is_the_velocity_in_the_solid():
+    mesh = flap_mesh(4)
+    state = state_of(mesh, v=lambda x: np.column_stack([4.0 + 0 * x[:, 0], 3.0 + 0 * x[:, 0]]))
+    solid = np.unique(mesh.p2[mesh.region == 2])
+    state.v[solid] = 0.0
+    assert relative(flap_problem(), mesh, state)["kinematics"] == 0.0
+    state.v[solid[5]] = [0.0, -0.05]
+    assert relative(flap_problem(), mesh, state)["kinematics"] == pytest.approx(0.01)
+
+
+def test_every_unknown_has_one_row_or_one_value():
+    mesh = flap_mesh(4)
+    rows = System.build(flap_problem(), mesh).rows
+    solid = np.isin(np.arange(mesh.n_p2), mesh.p2[mesh.region == 2])
+    x, y = mesh.p2_coordinates.T
+    on_wall = (y == 0.0) | (y == HEIGHT)
+    np.testing.assert_array_equal(rows.v_given, on_wall | (x == 0.0))
+    np.testing.assert_array_equal(rows.u_given, on_wall | (x == 0.0) | (x == LENGTH))
+    np.testing.assert_array_equal(rows.momentum, ~rows.v_given)
+    np.testing.assert_array_equal(rows.kinematics, solid & ~rows.v_given)
+    np.testing.assert_array_equal(rows.mesh_motion, ~solid & ~rows.u_given)
+    np.testing.assert_array_equal(rows.continuity, ~rows.p_given)
+    inside = (mesh.vertices[:, 0] > 0.75) & (mesh.vertices[:, 0] < 1.0) & (mesh.vertices[:, 1] < 0.5)
+    np.testing.assert_array_equal(rows.p_given, inside)
+
+
+def test_prescribed_values_are_the_profile_and_the_circle():
+    mesh, problem = bump_mesh(), bump_problem()
+    rows = System.build(problem, mesh).rows
+    assert rows.u_given.all()
+    inlet = mesh.p2_coordinates[:, 0] == 0.0
+    np.testing.assert_allclose(rows.prescribed.v[inlet, 0], profile(mesh.p2_coordinates[inlet, 1]), rtol=1e-15)
+    assert (rows.prescribed.v[~inlet] == 0.0).all() and (rows.prescribed.v[:, 1] == 0.0).all()
+    *centre, radius = (1.0, -0.3, 0.5)
+    middle = mesh.edge_nodes[mesh.label == 5, 2]
+    moved = (mesh.p2_coordinates + rows.prescribed.u)[middle] - centre
+    np.testing.assert_allclose(np.hypot(*moved.T), radius, rtol=1e-15)
+    assert np.abs(rows.prescribed.u[middle]).max() > 1e-3
+    assert (np.delete(rows.prescribed.u, middle, axis=0) == 0.0).all()
+
+
+def test_wall_wins_where_a_profile_does_not_vanish():
+    mesh = channel_mesh()
+    values = System.build(channel_problem(inflow_profile=np.ones_like), mesh).rows.prescribed.v[:, 0]
+    x, y = mesh.p2_coordinates.T
+    np.testing.assert_array_equal(values, (x == 0.0) & (y > 0.0) & (y < HEIGHT))
+
+
+def test_wrong_meshes_are_refused():
+    mesh = channel_mesh()
+    with pytest.raises(ValueError, match=r"the mesh has the regions \[1\], expected \[1, 2\]"):
+        System.build(flap_problem(), mesh)
+    boundaries = channel_problem().boundaries
+    with pytest.raises(
+        ValueError, match=r"6 edges of the outer boundary have no boundary of the problem, labels \[4\]"
+    ):
+        System.build(channel_problem(boundaries=boundaries[:3]), mesh)
+    with pytest.raises(ValueError, match=r"no edge of the mesh has the label \[9\]"):
+        System.build(channel_problem(boundaries=(*boundaries, Boundary("ghost", 9, "free"))), mesh)
+    round_roof = (*boundaries[:2], Boundary("roof", 3, "no-slip", circle=(1.0, 0.0, 1.0)), boundaries[3])
+    with pytest.raises(ValueError, match=r"roof: a vertex is .* radii off the circle"):
+        System.build(channel_problem(boundaries=round_roof), mesh)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        (dict(fluid=None, solids={}), "neither a fluid nor a solid"),
+        (dict(mesh_motion=None), "fluid and solid together need a mesh motion"),
+        (dict(inflow_profile=None), "an inlet but no inflow profile"),
+        (dict(outlet="open"), "outlet kind 'open', accepted"),
+        (dict(solids={1: flap_problem().solids[2]}), "solid in region 1, solids start at 2"),
+        (dict(boundaries=(Boundary("a", 3, "wall"),)), r"unknown boundary role \['wall'\]"),
+        (dict(boundaries=(Boundary("a", 3, "free"), Boundary("b", 3, "free"))), "two boundaries have the same label"),
+    ],
+)
+def test_incomplete_problems_are_refused(changes, message):
+    with pytest.raises(ValueError, match=message):
+        flap_problem(**changes)

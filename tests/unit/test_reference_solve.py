@@ -1,0 +1,181 @@
+"""Newton's method from scratch: both Jacobians, exact flows, quadratic convergence, and what it refuses."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from test_reference_cases import (
+    HEIGHT,
+    LENGTH,
+    MEAN_VELOCITY,
+    bump_mesh,
+    bump_problem,
+    cantilever_problem,
+    channel_mesh,
+    channel_problem,
+    flap_mesh,
+    flap_problem,
+    profile,
+    state_of,
+)
+
+from ffsi.rawfiles import RawState
+from ffsi.reference.materials import StVenantKirchhoff
+from ffsi.reference.problem import Boundary, MeshMotion, Solid
+from ffsi.reference.residual import compute_residual
+from ffsi.reference.solve import ConvergenceError, damped_step, jacobian, residual_vector, solve
+from ffsi.reference.system import System
+
+# The counts that exact Newton achieves: a wrong Jacobian needs more.
+POISEUILLE_ITERATIONS = 4
+FLAP_ITERATIONS = 5
+BUMP_ITERATIONS = 4
+CANTILEVER_ITERATIONS = 6
+
+METHODS = ["complex-step", "divided-difference"]
+
+
+@pytest.fixture(scope="module")
+def random_flap():
+    mesh, rng = flap_mesh(4), np.random.default_rng(4)
+    state = RawState(
+        u=0.005 * rng.normal(size=(mesh.n_p2, 2)),
+        v=rng.normal(size=(mesh.n_p2, 2)),
+        p=rng.normal(size=len(mesh.vertices)),
+    )
+    system = System.build(flap_problem(mesh_motion=MeshMotion(1.5, 0.6)), mesh)
+    assert compute_residual(system, state).min_jacobian > 0.1
+    return system, state
+
+
+def blocks(system):
+    cuts = [0, 2 * system.mesh.n_p2, 4 * system.mesh.n_p2, None]
+    return [slice(*cuts[k : k + 2]) for k in range(3)]
+
+
+def test_both_jacobians_agree(random_flap):
+    system, state = random_flap
+    exact, differences = (jacobian(system, state, method).toarray() for method in METHODS)
+    for rows in blocks(system):
+        for columns in blocks(system):
+            largest = np.abs(exact[rows, columns]).max()
+            np.testing.assert_allclose(differences[rows, columns], exact[rows, columns], rtol=0, atol=1e-7 * largest)
+            assert np.allclose(largest, 0.0) == (np.abs(differences[rows, columns]).max() == 0.0)
+
+
+def test_jacobian_is_the_derivative_of_the_assembled_residual(random_flap):
+    system, state = random_flap
+    direction = np.random.default_rng(5).normal(size=4 * system.mesh.n_p2 + len(system.mesh.vertices))
+    cut, step = 2 * system.mesh.n_p2, 1e-6
+
+    def moved(t):
+        u, v, p = direction[:cut].reshape(-1, 2), direction[cut : 2 * cut].reshape(-1, 2), direction[2 * cut :]
+        new = RawState(state.u + t * u, state.v + t * v, state.p + t * p)
+        return residual_vector(system, new, compute_residual(system, new))
+
+    expected = (moved(step) - moved(-step)) / (2 * step)
+    found = jacobian(system, state, "complex-step") @ direction
+    for rows in blocks(system):
+        np.testing.assert_allclose(found[rows], expected[rows], rtol=0, atol=1e-7 * np.abs(expected[rows]).max())
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_poiseuille_flow_is_found_exactly(method):
+    mesh = channel_mesh()
+    # The continuity's terms vanish in this flow, which leaves rounding of about 1e-10 of its scale.
+    solution = solve(System.build(channel_problem(), mesh), method, tolerance=1e-9)
+    x, y = mesh.p2_coordinates.T
+    drop = 12.0 * 0.05 * MEAN_VELOCITY / HEIGHT**2
+    np.testing.assert_allclose(solution.state.v, np.column_stack([profile(y), 0 * x]), rtol=0, atol=1e-13)
+    np.testing.assert_allclose(solution.state.p, drop * (LENGTH - mesh.vertices[:, 0]), rtol=0, atol=1e-12)
+    assert (solution.state.u == 0.0).all()
+    assert len(solution.steps) == POISEUILLE_ITERATIONS
+
+
+def test_zero_traction_outlet_bends_the_poiseuille_flow():
+    mesh = channel_mesh()
+    solution = solve(System.build(channel_problem(outlet="zero-traction"), mesh))
+    assert np.abs(solution.state.v[:, 1]).max() > 1e-2 * MEAN_VELOCITY
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_flap_converges_quadratically(method):
+    solution = solve(System.build(flap_problem(), flap_mesh()), method, tolerance=1e-10)
+    assert len(solution.steps) == FLAP_ITERATIONS
+    assert solution.steps == [1.0] * FLAP_ITERATIONS
+    assert np.abs(solution.state.u).max() > 0.05
+    # Quadratic: the digits double. 2.5 leaves room for the constant; a wrong Jacobian gives a factor of 1.
+    *_, before, last = solution.corrections
+    assert np.log(last) / np.log(before) > 1.6
+    assert solution.residuals[-1] < 1e-10 < 1e-6 < solution.residuals[-2]
+
+
+def test_flow_over_a_bump_converges():
+    solution = solve(System.build(bump_problem(), bump_mesh()))
+    assert len(solution.steps) == BUMP_ITERATIONS
+    assert solution.residual.relative.keys() == {"momentum", "continuity"}
+
+
+def test_sagging_cantilever_makes_its_potential_energy_stationary():
+    # The energy knows nothing of the stress formula: its derivative by a complex step, in random directions.
+    mesh, problem = channel_mesh(nx=12, region=2), cantilever_problem()
+    system = System.build(problem, mesh)
+    solution = solve(system)
+    assert len(solution.steps) == CANTILEVER_ITERATIONS
+    assert np.abs(solution.state.u).max() > 0.1
+    part = system.solids[2]
+
+    def potential(u):
+        local = u[part.elements.nodes]
+        gradient = np.einsum("tai,tqaj->tqij", local, part.elements.gradients)
+        stored = (part.law.material.energy(gradient) * part.elements.weights).sum()
+        height = np.einsum("qa,ta->tq", part.elements.basis, local[..., 1])
+        return stored + part.law.density * (height * part.elements.weights).sum()
+
+    for seed in range(5):
+        direction = np.random.default_rng(seed).normal(size=solution.state.u.shape)
+        direction[system.rows.u_given] = 0.0
+        at_solution = potential(solution.state.u + 1e-30j * direction).imag / 1e-30
+        at_rest = potential(1e-30j * direction).imag / 1e-30
+        assert abs(at_solution) < 1e-9 * abs(at_rest)
+
+
+def test_inverted_triangles_are_never_accepted():
+    soft = {2: Solid(2.0, StVenantKirchhoff(4.0, 2.0))}
+    with pytest.raises(ConvergenceError, match=r"every step turns a triangle inside out|not converged"):
+        solve(System.build(flap_problem(solids=soft), flap_mesh()))
+
+
+def test_step_is_halved_until_no_triangle_is_inverted():
+    system = System.build(cantilever_problem(), channel_mesh(region=2))
+    rest = state_of(system.mesh)
+    squeeze = state_of(system.mesh, u=lambda x: -2.5 * x * np.array([1.0, 0.0]))
+    state, residual, step = damped_step(system, rest, squeeze)
+    assert step == 0.25
+    np.testing.assert_array_equal(state.u, 0.25 * squeeze.u)
+    assert residual.min_jacobian == pytest.approx(1.0 - 2.5 / 4, rel=1e-13)
+    with pytest.raises(ConvergenceError, match="every step turns a triangle inside out"):
+        damped_step(system, rest, RawState(1e4 * squeeze.u, squeeze.v, squeeze.p))
+
+
+def test_start_near_the_solution_saves_iterations():
+    system = System.build(flap_problem(), flap_mesh(4))
+    first = solve(system)
+    neighbour = System.build(flap_problem(gravity=(0.01, -0.051)), system.mesh)
+    again = solve(neighbour, start=first.state)
+    assert len(again.steps) == 2 < len(first.steps)
+    assert np.abs(again.state.u - first.state.u).max() > 1e-6
+    spoiled = RawState(first.state.u + 1e-3, first.state.v + 1e-3, first.state.p)
+    np.testing.assert_allclose(solve(system, start=spoiled).state.u, first.state.u, rtol=0, atol=1e-11)
+
+
+def test_too_few_iterations_are_an_error_with_the_history():
+    with pytest.raises(ConvergenceError, match=r"flap: not converged, relative residuals \[.*, .*\]"):
+        solve(System.build(flap_problem(), flap_mesh(4)), max_iterations=2)
+
+
+def test_solid_that_nothing_holds_is_an_error():
+    loose = tuple(dataclasses.replace(b, role="free") for b in cantilever_problem().boundaries)
+    assert loose[0] == Boundary("root", 1, "free")
+    with pytest.raises(ConvergenceError):
+        solve(System.build(cantilever_problem(boundaries=loose), channel_mesh(region=2)))

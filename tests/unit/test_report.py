@@ -1,0 +1,184 @@
+"""Pictures, curves and the HTML report."""
+
+import io
+import re
+from types import SimpleNamespace
+
+import numpy as np
+import pandas as pd
+import pytest
+from matplotlib.colors import to_rgb
+from PIL import Image
+from run_folders import FakeCheck, FakeFreeFEM, given_state, make_run, structured_mesh
+
+from ffsi import run, study
+from ffsi.fields import Fields
+from ffsi.folder import InputError
+from ffsi.report import curves, figures, write_report
+from ffsi.result import load_result
+from ffsi.scene import load_scene
+
+KEY = "inflow.mean_velocity"
+
+
+@pytest.fixture
+def fields() -> Fields:
+    mesh = structured_mesh()
+    return Fields.from_raw(mesh, given_state(mesh))
+
+
+def pixels(figure) -> np.ndarray:
+    return np.asarray(Image.open(io.BytesIO(figures.to_png(figure, dpi=60))).convert("RGB"))
+
+
+def colours(image: np.ndarray) -> int:
+    return len(np.unique(image.reshape(-1, 3), axis=0))
+
+
+@pytest.mark.parametrize("name", ["velocity", "pressure", "displacement"])
+def test_pictures_show_something(fields, name):
+    image = pixels(figures.draw(name, fields, "title"))
+    assert colours(image) > 300
+    assert (image.min(axis=2) < 200).mean() > 0.05
+
+
+def test_the_solid_has_its_neutral_colour_in_the_velocity(fields):
+    solid = np.round(255 * np.array(to_rgb(figures.SOLID_COLOURS[0])))
+    image = pixels(figures.velocity(fields))
+    assert (np.abs(image - solid).max(axis=2) <= 2).mean() > 0.005
+
+
+def test_pictures_follow_the_deformation(fields):
+    still = Fields(**{**vars(fields), "displacement": np.zeros_like(fields.displacement)})
+    assert not np.array_equal(pixels(figures.velocity(still)), pixels(figures.velocity(fields)))
+
+
+def test_a_long_domain_gets_a_flat_picture_with_undistorted_axes(fields):
+    figure = figures.velocity(fields)
+    figures.to_png(figure)  # lays it out
+    width, height = figure.get_size_inches()
+    assert width > 2 * height
+    axes = figure.axes[0]
+    box = axes.get_window_extent()
+    assert box.width / box.height == pytest.approx(np.ptp(axes.get_xlim()) / np.ptp(axes.get_ylim()), rel=1e-6)
+
+
+def test_available_pictures_follow_the_physics(fields):
+    fluid = Fields(**{**vars(fields), "region": np.ones_like(fields.region)})
+    solid = Fields(**{**vars(fields), "region": np.full_like(fields.region, 2)})
+    assert figures.available(fields) == ["velocity", "pressure", "displacement"]
+    assert figures.available(fluid) == ["velocity", "pressure"]
+    assert figures.available(solid) == ["displacement"]
+    for other in (fluid, solid):
+        for name in figures.available(other):
+            assert colours(pixels(figures.draw(name, other))) > 100
+    with pytest.raises(ValueError, match="no picture 'pressure' of these fields; there is displacement"):
+        figures.draw("pressure", solid)
+
+
+def test_fields_at_rest_can_be_drawn(fields):
+    zero = {name: np.zeros_like(getattr(fields, name)) for name in ("displacement", "velocity", "pressure")}
+    for name in figures.available(fields):
+        assert colours(pixels(figures.draw(name, Fields(**{**vars(fields), **zero})))) > 10
+
+
+def test_pressure_levels_are_round_and_symmetric_about_zero_if_it_changes_sign():
+    levels, palette = figures._pressure_levels(np.linspace(-1.0, 1.0, 1001))
+    assert palette == "RdBu_r"
+    assert levels[0] == -levels[-1]
+    levels, palette = figures._pressure_levels(np.append(np.linspace(0.0, 1.0, 1000), 1e6))
+    assert palette != "RdBu_r"
+    assert levels[-1] < 2.0
+
+
+def table(**columns) -> pd.DataFrame:
+    points = {KEY: [0.01, 0.02, 0.03], "status": ["converged", "converged", "failed"]}
+    return pd.DataFrame(points | {"drag": [1.0, 2.0, np.nan], "lift": [0.1, 0.2, np.nan]} | columns)
+
+
+def test_sweep_curves_have_one_panel_per_quantity_and_mark_failures():
+    figure = curves.sweep_curves(table(min_jacobian=[0.9, 0.8, np.nan], min_jacobian_solid=[0.9, 0.8, np.nan]), [KEY])
+    shown = [axes for axes in figure.axes if axes.get_visible()]
+    assert [axes.get_title(loc="left") for axes in shown] == ["Drag", "Lift", "Smallest J = det F"]
+    np.testing.assert_allclose(shown[0].lines[0].get_xydata(), [[0.01, 1.0], [0.02, 2.0]])
+    assert "not converged" in [text.get_text() for text in shown[0].get_legend().get_texts()]
+    assert shown[0].get_xlabel() == "mean inflow velocity (m/s)"
+    assert colours(pixels(figure)) > 50
+
+
+def test_sweep_curves_draw_one_line_per_other_value():
+    both = pd.concat([table(**{"mesh.level": [0] * 3}), table(**{"mesh.level": [1] * 3})])
+    figure = curves.sweep_curves(both, ["mesh.level", KEY])
+    labels = [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
+    assert labels[:1] == ["mesh.level = 0"]
+    assert "mesh.level = 1" in labels
+
+
+def test_nothing_to_draw():
+    assert curves.sweep_curves(table()[:1], [KEY]) is None
+    assert curves.sweep_curves(table(status=["failed"] * 3), [KEY]) is None
+    empty = pd.DataFrame({"residual": [], "stage": [], "unknowns": [], "factorized": []})
+    assert curves.newton_history(empty) is None
+
+
+def test_newton_history_is_logarithmic(tmp_path):
+    figure = curves.newton_history(load_result(make_run(tmp_path / "run")).history)
+    assert figure.axes[0].get_yscale() == "log"
+    assert colours(pixels(figure)) > 50
+
+
+def test_report_of_a_run(tmp_path):
+    write_report([make_run(tmp_path / "run")], tmp_path / "report.html")
+    html = (tmp_path / "report.html").read_text()
+    assert html.count("data:image/png;base64,") == 4
+    assert not re.findall(r"(?:src|href)=\"(?!data:|#)", html)
+    for text in ("solved and checked", "<td>momentum</td>", "1.0e-11", "inflow.mean_velocity", "<td>drag</td>"):
+        assert text in html
+    assert "Formulas: the paper and the standard form" in html
+    assert "ρ η ∂u<sub>t</sub>/∂n" in html
+    assert "(0.01 m here)" in html
+
+
+def test_formulas_belong_to_the_flap_only(tmp_path):
+    write_report([make_run(tmp_path / "run", case="turek-fsi1")], tmp_path / "report.html")
+    html = (tmp_path / "report.html").read_text()
+    assert "Formulas" not in html
+    assert "14.29426" in html
+
+
+def test_text_is_escaped_everywhere(tmp_path):
+    evil = "<script>alert('x')</script>"
+    path = make_run(
+        tmp_path / "run", case_name=evil, status="failed", failure="check", reason=evil,
+        parameters={evil: 1.0}, quantities={evil: 2.0}, freefem={"version": evil, "solver": evil},
+    )  # fmt: skip
+    write_report([path], tmp_path / "report.html", title=evil)
+    html = (tmp_path / "report.html").read_text()
+    assert "<script" not in html
+    assert html.count("&lt;script&gt;") >= 6
+
+
+def test_report_of_a_sweep(tmp_path, monkeypatch):
+    fake = FakeFreeFEM()
+    fake.fail = 0.03
+    monkeypatch.setattr(run, "run_script", fake.run_script)
+    for module in (run, study):
+        monkeypatch.setattr(module, "find_freefem", lambda: SimpleNamespace(has_mumps=True))
+    monkeypatch.setattr(run, "render", lambda scene, mumps: "// nothing\n")
+    monkeypatch.setattr("ffsi.reference.check_run", FakeCheck())
+    study.sweep(load_scene("flap-svk", ["mesh.level=0"]), {KEY: [0.01, 0.02, 0.03]}, tmp_path / "sweep")
+    write_report([tmp_path / "sweep"], tmp_path / "report.html")
+    html = (tmp_path / "report.html").read_text()
+    assert "flap-svk, sweep over inflow.mean_velocity" in html
+    assert "2 of 3 points solved and checked" in html
+    assert "J too small" in html
+    assert "inflow.mean_velocity = 0.02" in html
+    assert html.count("data:image/png;base64,") == 5
+
+
+def test_report_needs_results(tmp_path):
+    with pytest.raises(InputError, match="at least one"):
+        write_report([], tmp_path / "report.html")
+    with pytest.raises(InputError, match="is no run folder"):
+        write_report([tmp_path], tmp_path / "report.html")
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,176 @@
+"""Labels, roles, lengths and areas of every case, against outlines drawn here independently."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+from ffsi.scene import CASES, Scene, SceneError, boundaries, load_scene
+
+Points = Sequence[tuple[float, float]]
+
+
+def arc(x: float, y: float, radius: float, start: float, end: float, pieces: int = 20000) -> Points:
+    """Points of an arc from the angle start to the angle end, degrees."""
+    angles = np.radians(np.linspace(start, end, pieces + 1))
+    return list(zip(x + radius * np.cos(angles), y + radius * np.sin(angles), strict=True))
+
+
+def length_and_area(outline: Points) -> tuple[float, float]:
+    """Length and enclosed area of a closed polygon."""
+    x, y = np.array(outline).T
+    dx, dy = np.roll(x, -1) - x, np.roll(y, -1) - y
+    return float(np.hypot(dx, dy).sum()), abs(float((x * dy - y * dx).sum()) / 2)
+
+
+def box(x0: float, y0: float, x1: float, y1: float) -> Points:
+    return [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
+
+
+FLAP = box(0.5, 0, 0.54, 0.2)
+CHANNEL_WITHOUT_FLAP = [(0, 0), (0.5, 0), (0.5, 0.2), (0.54, 0.2), (0.54, 0), (2.5, 0), (2.5, 0.4), (0, 0.4)]
+ANGLE = math.degrees(math.asin(0.01 / 0.05))
+BODY = [*arc(0.2, 0.2, 0.05, ANGLE, 360 - ANGLE), (0.6, 0.19), (0.6, 0.21)]
+BEAM = [*arc(0.2, 0.2, 0.05, ANGLE, -ANGLE), (0.6, 0.19), (0.6, 0.21)]
+CAVITY = [
+    (0, 0),
+    *arc(1.75, -0.25, 0.25, 90, 0),
+    (2, -1),
+    (6, -1),
+    *arc(6.25, -0.25, 0.25, 180, 90),
+    (14, 0),
+    (14, 1),
+    (0, 1),
+]
+FLOOR = box(2, -1.4, 6, -1)
+
+# For each region of each case: the outlines (outer, then holes).
+OUTLINES: dict[str, dict[str, list[Points]]] = {
+    "flap-svk": {"fluid": [CHANNEL_WITHOUT_FLAP], "flap": [FLAP]},
+    "turek-cfd1": {"fluid": [box(0, 0, 2.5, 0.41), BODY]},
+    "turek-cfd2": {"fluid": [box(0, 0, 2.5, 0.41), BODY]},
+    "turek-csm1": {"beam": [BEAM]},
+    "turek-csm2": {"beam": [BEAM]},
+    "turek-fsi1": {"fluid": [box(0, 0, 2.5, 0.41), BODY], "beam": [BEAM]},
+    "cylinder-2d1": {"fluid": [box(0, 0, 2.2, 0.41), arc(0.2, 0.2, 0.05, 0, 360)]},
+    "cavity-flexible-floor": {"fluid": [CAVITY], "floor": [FLOOR]},
+}
+
+INLET, OUTLET, WALLS = (1, "inlet", None), (2, "outlet", None), (3, "no-slip", None)
+ROLES = {
+    "flap-svk": [INLET, OUTLET, WALLS, (5, "interface", "flap"), (6, "clamped", None)],
+    "turek-cfd1": [INLET, OUTLET, WALLS, (4, "no-slip", "cylinder"), (5, "no-slip", "beam")],
+    "turek-cfd2": [INLET, OUTLET, WALLS, (4, "no-slip", "cylinder"), (5, "no-slip", "beam")],
+    "turek-csm1": [(5, "free", None), (6, "clamped", None)],
+    "turek-csm2": [(5, "free", None), (6, "clamped", None)],
+    "turek-fsi1": [
+        INLET, OUTLET, WALLS, (4, "no-slip", "cylinder"), (5, "interface", "beam"), (6, "clamped", None)
+    ],
+    "cylinder-2d1": [INLET, OUTLET, WALLS, (4, "no-slip", "cylinder")],
+    "cavity-flexible-floor": [
+        INLET, OUTLET, WALLS, (5, "interface", "floor"), (6, "clamped", None), (7, "free", None),
+        (8, "no-slip", None), (9, "no-slip", None),
+    ],
+}  # fmt: skip
+
+# Exact lengths worked out by hand, by label.
+LENGTHS = {
+    "flap-svk": {1: 0.4, 2: 0.4, 3: 0.5 + 1.96 + 2.5, 5: 0.44, 6: 0.04},
+    "turek-fsi1": {
+        1: 0.41,
+        2: 0.41,
+        3: 5.0,
+        4: 0.1 * (math.pi - math.asin(0.2)),
+        5: 2 * (0.4 - 0.05 * math.sqrt(0.96)) + 0.02,
+        6: 0.1 * math.asin(0.2),
+    },
+    "turek-csm1": {5: 2 * (0.4 - 0.05 * math.sqrt(0.96)) + 0.02, 6: 0.1 * math.asin(0.2)},
+    "cylinder-2d1": {1: 0.41, 2: 0.41, 3: 4.4, 4: 0.1 * math.pi},
+    "cavity-flexible-floor": {
+        1: 1, 2: 1, 3: 1.75 + 0.75 + 0.75 + 7.75 + 14, 5: 4, 6: 0.8, 7: 4, 8: math.pi / 8, 9: math.pi / 8
+    },
+}  # fmt: skip
+
+
+def test_tables_cover_the_catalogue() -> None:
+    assert set(OUTLINES) == set(ROLES) == set(CASES)
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_areas(case: str) -> None:
+    areas = CASES[case].exact_areas()
+    assert list(areas) == list(OUTLINES[case])
+    for name, (outer, *holes) in OUTLINES[case].items():
+        area = length_and_area(outer)[1] - sum(length_and_area(hole)[1] for hole in holes)
+        assert areas[name] == pytest.approx(area, rel=1e-8)
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_perimeters(case: str) -> None:
+    found = {boundary.label: boundary.exact_length for boundary in boundaries(CASES[case])}
+    wet = [length for label, length in found.items() if label not in (6, 7)]
+    dry = [length for label, length in found.items() if label in (5, 6, 7)]
+    for name, outlines in OUTLINES[case].items():
+        length = sum(length_and_area(outline)[0] for outline in outlines)
+        assert sum(wet if name == "fluid" else dry) == pytest.approx(length, rel=1e-8)
+
+
+@pytest.mark.parametrize("case", LENGTHS)
+def test_lengths(case: str) -> None:
+    found = {boundary.label: boundary.exact_length for boundary in boundaries(CASES[case])}
+    assert found == pytest.approx(LENGTHS[case], rel=1e-13)
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_roles(case: str) -> None:
+    found = boundaries(CASES[case])
+    assert [(boundary.label, boundary.role, boundary.part) for boundary in found] == ROLES[case]
+    assert len({boundary.name for boundary in found}) == len(found)
+
+
+def test_circles_are_the_curved_no_slip_boundaries() -> None:
+    circles = {
+        case: {boundary.label: boundary.circle for boundary in boundaries(scene) if boundary.circle}
+        for case, scene in CASES.items()
+    }
+    cylinder = {4: (0.2, 0.2, 0.05)}
+    lips = {8: (1.75, -0.25, 0.25), 9: (6.25, -0.25, 0.25)}
+    around = {case: cylinder for case in ("turek-cfd1", "turek-cfd2", "turek-fsi1", "cylinder-2d1")}
+    assert circles == {"flap-svk": {}, "turek-csm1": {}, "turek-csm2": {}, "cavity-flexible-floor": lips, **around}
+
+
+def test_rigid_flap_and_solid_alone() -> None:
+    table = CASES["flap-svk"].model_dump(exclude_none=True)
+    rigid = Scene.model_validate({key: table[key] for key in table if key not in ("solid", "mesh_motion")})
+    assert rigid.physics == "fluid"
+    assert [(b.label, b.role, b.part) for b in boundaries(rigid)] == [INLET, OUTLET, WALLS, (5, "no-slip", "flap")]
+    assert rigid.exact_areas() == {"fluid": pytest.approx(0.992)}
+    assert rigid.tip is None
+    alone = Scene.model_validate({key: table[key] for key in ("name", "geometry", "solid")})
+    assert alone.physics == "solid"
+    assert [(b.label, b.role, b.part) for b in boundaries(alone)] == [(5, "free", None), (6, "clamped", None)]
+    assert alone.exact_areas() == {"flap": pytest.approx(0.008)}
+    with pytest.raises(SceneError, match="inflow"):
+        alone.inflow_profile()
+
+
+def test_tips() -> None:
+    tips = {case: scene.tip for case, scene in CASES.items() if scene.tip}
+    expected = {
+        "flap-svk": (0.52, 0.2),
+        "turek-csm1": (0.6, 0.2),
+        "turek-csm2": (0.6, 0.2),
+        "turek-fsi1": (0.6, 0.2),
+        "cavity-flexible-floor": (4.0, -1.0),
+    }
+    assert set(tips) == set(expected)
+    for case, tip in expected.items():
+        assert tips[case] == pytest.approx(tip, rel=1e-14)
+
+
+def test_lengths_follow_the_numbers() -> None:
+    scene = load_scene("cavity-flexible-floor", ["geometry.cavity_width=5", "geometry.floor_thickness=0.2"])
+    found = {boundary.name: boundary.exact_length for boundary in boundaries(scene)}
+    assert (found["surface"], found["outer_side"], found["ends"]) == (5.0, 5.0, 0.4)
+    assert scene.tip == (4.5, -1.0)

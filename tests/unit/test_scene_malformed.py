@@ -1,0 +1,224 @@
+"""Every malformed scene is refused with a message that names key, value, what is accepted and the nearest name."""
+
+import pickle
+from pathlib import Path
+
+import pytest
+
+from ffsi.scene import CASES, FlapChannel, Fluid, Scene, SceneError, load_scene, with_values
+
+# Case, override, fragments of the message. The first fragment is the start of the line: the key and the value.
+OVERRIDES = [
+    # unknown keys, at every depth
+    ("flap-svk", "fluid.viscosty=1e-3", ["fluid.viscosty = 0.001:", "unknown key", 'mean "fluid.viscosity"']),
+    ("flap-svk", "viscosity=1", ["viscosity = 1:", "unknown key", 'mean "fluid.viscosity"']),
+    ("flap-svk", "fluidd.density=1", ["fluidd = a table", "unknown key", 'mean "fluid"']),
+    ("flap-svk", "mesh.levle=2", ["mesh.levle = 2:", '"size_factor"', 'mean "mesh.level"']),
+    ("flap-svk", "solid.flp.density=2", ["solid.flp:", 'holds "flap"', 'mean "solid.flap"']),
+    ("flap-svk", "solid.flap.densty=2", ["solid.flap.densty = 2:", 'mean "solid.flap.density"']),
+    ("flap-svk", "geometry.flap_hight=0.1", ["geometry.flap_hight = 0.1:", 'mean "geometry.flap_height"']),
+    ("cylinder-2d1", "geometry.beam.lenght=1", ["geometry.beam.lenght = 1:", 'mean "geometry.beam.length"']),
+    ("flap-svk", "gravity.z=1", ["gravity.z = 1:", "unknown key", '"x", "y"']),
+    ("flap-svk", "solver.toleranc=1e-8", ["solver.toleranc = 1e-08:", 'mean "solver.tolerance"']),
+    # names out of a list
+    ("flap-svk", "geometry.kind=channel-cavity", ["geometry.kind =", 'geometry "flap-channel"', "another scene"]),
+    ("flap-svk", "fluid.law=newtonain", ['fluid.law = "newtonain":', 'mean "newtonian"']),
+    ("flap-svk", "solid.flap.material=st-venant-kirchof", ["solid.flap.material =", 'mean "st-venant-kirchhoff"']),
+    ("flap-svk", "mesh_motion.kind=harmonik", ["mesh_motion.kind =", 'mean "harmonic"']),
+    ("flap-svk", "outlet.kind=do_nothing", ["outlet.kind =", '"zero-traction"', 'mean "do-nothing"']),
+    ("flap-svk", "solver.jacobian=exact", ['solver.jacobian = "exact":', '"divided-difference"']),
+    ("flap-svk", "solver.start=corse", ["solver.start =", '"coarse", "rest"', 'mean "coarse"']),
+    ("flap-svk", "solver.linear_solver=mump", ["solver.linear_solver =", '"umfpack"', 'mean "mumps"']),
+    ("flap-svk", "inflow.profile=parabolc", ["inflow.profile =", '"uniform"', 'mean "parabolic"']),
+    # units
+    ("flap-svk", "geometry.length=2.5 s", ['geometry.length = "2.5 s":', "wrong dimension", "> 0 in m", "20 cm"]),
+    ("flap-svk", "geometry.length=2.5 foo", ["geometry.length =", '"foo" is not a known unit']),
+    ("flap-svk", 'geometry.length="2.5"', ["geometry.length =", "unit is missing"]),
+    ("flap-svk", "geometry.length=2,5 m", ["geometry.length =", "cannot be read as a unit"]),
+    ("flap-svk", "fluid.density=1 Pa s", ['fluid.density = "1 Pa s":', "wrong dimension", "kg/m^3"]),
+    ("flap-svk", "fluid.viscosity=3.5 kg/m s", ["fluid.viscosity =", "cannot be read as a unit", '"kg/(m s)"']),
+    ("flap-svk", "gravity.y=-9.81 m/s", ["gravity.y =", "wrong dimension", "m/s^2"]),
+    ("flap-svk", "inflow.mean_velocity=1 m", ["inflow.mean_velocity =", "wrong dimension", "m/s"]),
+    ("flap-svk", "solver.time_limit=1 m", ["solver.time_limit =", "wrong dimension", "10 min"]),
+    ("flap-svk", "mesh.size_factor=2 m", ["mesh.size_factor =", "accepted: a number > 0"]),
+    # numbers
+    ("flap-svk", "geometry.length=-1", ["geometry.length = -1:", "out of range", "> 0 in m"]),
+    ("flap-svk", "geometry.length=nan", ["geometry.length = nan:", "not a finite number"]),
+    ("flap-svk", "geometry.length=-inf", ["geometry.length = -inf:", "not a finite number"]),
+    ("flap-svk", "geometry.length=1e999 m", ["geometry.length =", "not a finite number"]),
+    ("flap-svk", "geometry.length=true", ["geometry.length = true:", "not a number"]),
+    ("flap-svk", "geometry.length=[1, 2]", ["geometry.length = a list of 2:", "not a number"]),
+    ("flap-svk", "mesh.level=7", ["mesh.level = 7:", "whole number from 0 to 4"]),
+    ("flap-svk", "mesh.level=1.5", ["mesh.level = 1.5:", "whole number from 0 to 4"]),
+    ("flap-svk", "mesh.level=true", ["mesh.level = true:", "whole number from 0 to 4"]),
+    ("flap-svk", "mesh.level=fine", ['mesh.level = "fine":', "whole number from 0 to 4"]),
+    ("flap-svk", "mesh.far_size=0", ["mesh.far_size = 0:", "> 0 in m"]),
+    ("flap-svk", "fluid.density=0", ["fluid.density = 0:", "> 0 in kg/m^3"]),
+    ("flap-svk", "solid.flap.lame_mu=0", ["solid.flap.lame_mu = 0:", "> 0 in Pa"]),
+    ("flap-svk", "mesh_motion.stiffness_exponent=-1", ["mesh_motion.stiffness_exponent = -1:", ">= 0"]),
+    ("flap-svk", "inflow.mean_velocity=-1", ["inflow.mean_velocity = -1:", ">= 0 in m/s"]),
+    ("flap-svk", "solver.tolerance=1", ["solver.tolerance = 1:", "> 0 and < 1"]),
+    ("flap-svk", "solver.max_iterations=0", ["solver.max_iterations = 0:", "from 1 to 1000"]),
+    ("flap-svk", "solver.minimum_jacobian=0.5", ["solver.minimum_jacobian = 0.5:", ">= 0 and < 0.5"]),
+    ("flap-svk", "solver.reuse_ratio=1", ["solver.reuse_ratio = 1:", ">= 0 and < 1"]),
+    ("turek-csm1", "solid.beam.poisson_ratio=0.5", ["solid.beam.poisson_ratio = 0.5:", "> -1 and < 0.5"]),
+    ("turek-csm1", "solid.beam.poisson_ratio=-1", ["solid.beam.poisson_ratio = -1:", "> -1 and < 0.5"]),
+    # elastic constants
+    ("flap-svk", "solid.flap.young_modulus=5", ["solid.flap.young_modulus:", "uses the pair (lame_lambda, lame_mu)"]),
+    ("turek-csm1", "solid.beam.lame_lambda=1", ["solid.beam.lame_lambda:", "uses the pair (lame_mu, poisson_ratio)"]),
+    ("flap-svk", "solid.flap.lame_lambda=-2", ["solid.flap.lame_lambda = -2 Pa:", "-1.33333333 Pa"]),
+    # geometry
+    ("flap-svk", "geometry.flap_height=0.4", ["geometry.flap_height = 0.4 m:", "less than height = 0.4 m"]),
+    ("flap-svk", "geometry.flap_left=2.49", ["geometry.flap_width = 0.04 m:", "length - flap_left = 0.01 m"]),
+    ("flap-svk", "geometry.flap_left=3", ["geometry.flap_left = 3 m:", "less than length = 2.5 m"]),
+    ("turek-fsi1", "geometry.beam.thickness=0.1", ["geometry.beam.thickness = 0.1 m:", "diameter = 0.1 m"]),
+    ("turek-fsi1", "geometry.beam.length=3", ["geometry.beam.length = 3 m:", "= 2.25 m"]),
+    ("turek-fsi1", "geometry.cylinder_y=0.4", ["geometry.cylinder_y = 0.4 m:", "less than", "= 0.36 m"]),
+    ("turek-fsi1", "geometry.cylinder_y=0.05", ["geometry.cylinder_y = 0.05 m:", "greater than", "= 0.05 m"]),
+    ("turek-fsi1", "geometry.cylinder_x=0.01", ["geometry.cylinder_x = 0.01 m:", "greater than", "= 0.05 m"]),
+    ("cylinder-2d1", "geometry.cylinder_x=2.18", ["geometry.cylinder_x = 2.18 m:", "less than", "= 2.15 m"]),
+    ("cavity-flexible-floor", "geometry.lip_radius=1", ["geometry.lip_radius = 1 m:", "cavity_depth = 1 m"]),
+    ("cavity-flexible-floor", "geometry.cavity_width=12", ["geometry.cavity_width = 12 m:", "= 11.75 m"]),
+    ("cavity-flexible-floor", "geometry.cavity_left=0.2", ["geometry.lip_radius = 0.25 m:", "cavity_left = 0.2 m"]),
+    # tables that do not fit together
+    ("turek-csm1", "inflow.mean_velocity=1", ["inflow:", "with a fluid"]),
+    ("turek-csm1", "forces.reference_length=1", ["forces:", "with a fluid"]),
+    ("turek-cfd1", "mesh_motion.kind=harmonic", ["mesh_motion:", "a fluid and a solid"]),
+    ("turek-cfd1", "mesh.root_size=0.1", ["mesh.root_size = 0.1 m:", '"flap-channel"', '"channel-cylinder"']),
+    ("cylinder-2d1", "solid.beam.density=1", ["solid.beam:", "geometry.beam"]),
+    ("flap-svk", "geometry.length.x=1", ["geometry.length.x:", "single value"]),
+    ("flap-svk", "geometry=5", ["geometry = 5:", "table"]),
+    ("flap-svk", "solid.flap=5", ["solid.flap = 5:", "table"]),
+    ("flap-svk", "fluid={density=1}", ["fluid.viscosity:", "missing", "Pa s"]),
+    # text
+    ("flap-svk", "name=Flap", ['name = "Flap":', "small letter"]),
+    ("flap-svk", "name=5", ["name = 5:", "text"]),
+    ("flap-svk", f"name={'a' * 65}", ["name = ", "at most 64"]),
+    ("flap-svk", 'description="a\\nb"', ['description = "a?b":', "one line of printable text"]),
+    ("flap-svk", f'description="{"a" * 201}"', ["description = ", "at most 200"]),
+    ("flap-svk", "output.vtu=1", ["output.vtu = 1:", "true or false"]),
+    ("flap-svk", "output.pictures=yes", ['output.pictures = "yes":', "true or false"]),
+    # formulas
+    ("flap-svk", "inflow.profile=1/y", ["inflow.profile =", "not finite at y = 0 m"]),
+    ("flap-svk", 'inflow.profile=exec("rm -rf /")', ["inflow.profile =", "character '\"'", "not accepted"]),
+    ("flap-svk", "inflow.profile=1;exec(y)", ["inflow.profile =", "character ';'"]),
+    ("flap-svk", "inflow.profile=7", ["inflow.profile = 7:", "text"]),
+    # overrides themselves
+    ("flap-svk", "mesh.level", ['override = "mesh.level":', "key=value"]),
+    ("flap-svk", "=5", ['override = "=5":', "key=value"]),
+    ("flap-svk", "a..b=5", ['override = "a..b=5":', "key=value"]),
+]
+
+FLAP = "name = 'a'\n[geometry]\nkind = 'flap-channel'\n"
+FLOW = "[inflow]\nmean_velocity = 1\n[outlet]\nkind = 'do-nothing'\n"
+SVK = "[solid.flap]\nmaterial = 'st-venant-kirchhoff'\ndensity = 1\n"
+
+TEXTS = [
+    ("", ["name:", "missing", "\ngeometry:"]),
+    ("name = 'a'\nfluid = ", ["TOML:", "line 2"]),
+    ("name = 'a'\nmesh == 3\n", ["TOML:", "line 2, column 7"]),
+    ("name = 1" + 5000 * "0", ["TOML:", "too many digits"]),
+    ("name = 'a'\n[geometry]\nlength = 1", ["geometry.kind:", "missing", '"channel-cavity"']),
+    ("name = 'a'\n[geometry]\nkind = 'flap-chanel'", ['geometry.kind = "flap-chanel":', 'mean "flap-channel"']),
+    ("name = 'a'\n[geometry]\nkind = 3", ["geometry.kind = 3:", '"flap-channel"']),
+    ("name = 'a'\n[[geometry]]\nkind = 'flap-channel'", ["geometry = a list of 1:", "table"]),
+    (FLAP, ["fluid:", "missing", "a fluid, a solid or both"]),
+    (FLAP + FLOW, ["fluid:", "missing"]),
+    (FLAP + "[fluid]\ndensity = 1\nviscosity = 1", ["inflow:", "missing", "\noutlet:"]),
+    (FLAP + FLOW + "[fluid]\ndensity = 1\nviscosity = 1979-05-27", ["fluid.viscosity =", "not a number", "Pa s"]),
+    (FLAP + SVK, ["solid.flap.lame_lambda:", "missing", "(young_modulus, poisson_ratio)"]),
+    (FLAP + SVK + "young_modulus = 3", ["solid.flap.poisson_ratio:", "missing beside young_modulus"]),
+    (FLAP + SVK + "lame_lambda = 1\nyoung_modulus = 3", ["solid.flap.young_modulus:", "exactly one pair"]),
+    (FLAP + SVK + "lame_mu = 1\nyoung_modulus = 3\npoisson_ratio = 0.1", ["solid.flap.poisson_ratio:", "given beside"]),
+    (FLAP + "[solid.flap]\nlame_mu = 1", ["solid.flap.density:", "missing", "\nsolid.flap.material:"]),
+    (FLAP + SVK.replace("flap", "beam"), ["solid.beam:", "unknown solid", 'holds "flap"']),
+    (FLAP + "[sold.flap]\ndensity = 1", ["sold =", "unknown key", 'mean "solid"']),
+]
+
+
+def check(error: SceneError, fragments: list[str]) -> None:
+    message = str(error)
+    assert message.startswith(fragments[0])
+    for fragment in fragments[1:]:
+        assert fragment in message
+    for jargon in ("pydantic", "http", "Value error", "Input should", "validation error", "Traceback", "type="):
+        assert jargon not in message
+    assert len(message.splitlines()) == len(error.problems)
+
+
+@pytest.mark.parametrize(
+    ("case", "override", "fragments"), OVERRIDES, ids=[f"{row[0]} {row[1][:40]}" for row in OVERRIDES]
+)
+def test_override(case: str, override: str, fragments: list[str]) -> None:
+    with pytest.raises(SceneError) as caught:
+        load_scene(case, [override])
+    check(caught.value, fragments)
+
+
+@pytest.mark.parametrize(("text", "fragments"), TEXTS, ids=[str(number) for number in range(len(TEXTS))])
+def test_text(text: str, fragments: list[str]) -> None:
+    with pytest.raises(SceneError) as caught:
+        Scene.from_toml(text)
+    check(caught.value, fragments)
+
+
+@pytest.mark.parametrize(
+    ("case", "fragments"),
+    [
+        ("flapsvk", ['case = "flapsvk":', "no such case", 'mean "flap-svk"']),
+        ("turek-fsi", ["case =", '"cylinder-2d1"', 'mean "turek-fsi1"']),
+        ("flap-svk.toml", ["scene =", "no such file", 'mean "flap-svk"']),
+        ("a\0b", ['case = "a?b":', "no such case"]),
+        ("x" * 5000, ["scene =", "cannot be read"]),
+    ],
+)
+def test_unknown_case(case: str, fragments: list[str]) -> None:
+    with pytest.raises(SceneError) as caught:
+        load_scene(case)
+    check(caught.value, fragments)
+
+
+def test_files_that_cannot_be_read(tmp_path: Path) -> None:
+    good = tmp_path / "my-scene.toml"
+    good.write_text(CASES["flap-svk"].to_toml())
+    binary = tmp_path / "binary.toml"
+    binary.write_bytes(b"\xff\xfe\x00")
+    broken = tmp_path / "broken.toml"
+    broken.write_text("name = 'a'\n\n[mesh\n")
+    huge = tmp_path / "huge.toml"
+    huge.write_text("#" * 1_000_001)
+    for path, fragments in [
+        (tmp_path / "my-scen.toml", ["scene =", "no such file", "my-scene.toml"]),
+        (tmp_path, ["scene =", "folder"]),
+        (binary, ["scene =", "UTF-8"]),
+        (broken, ["broken.toml:", "line 3"]),
+        (huge, ["scene =", "1000000 bytes"]),
+    ]:
+        with pytest.raises(SceneError) as caught:
+            load_scene(path)
+        check(caught.value, fragments)
+
+
+def test_all_problems_are_reported_together() -> None:
+    with pytest.raises(SceneError) as caught:
+        load_scene("flap-svk", ["fluid.density=-1", "mesh.level=9", "solver.start=x", "nme=a"])
+    assert [problem.key for problem in caught.value.problems] == ["mesh.level", "fluid.density", "solver.start", "nme"]
+    assert caught.value.problems[-1].nearest == "name"
+    assert caught.value.problems[0].value == "9"
+
+
+def test_models_built_in_python_raise_the_same_error() -> None:
+    with pytest.raises(SceneError, match=r"^viscosity = -1: out of range"):
+        Fluid(density=1, viscosity=-1)
+    with pytest.raises(SceneError, match=r"^flap_height = 1 m: must be less than height = 0.4 m$"):
+        FlapChannel(flap_height=1)
+    with pytest.raises(SceneError, match=r"^fluid.viscosity = nan: not a finite"):
+        with_values(CASES["flap-svk"], {"fluid.viscosity": float("nan")})
+
+
+def test_error_travels_between_processes() -> None:
+    with pytest.raises(SceneError) as caught:
+        load_scene("flapsvk")
+    copy = pickle.loads(pickle.dumps(caught.value))
+    assert copy.problems == caught.value.problems
+    assert str(copy) == str(caught.value)

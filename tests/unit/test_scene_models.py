@@ -1,0 +1,254 @@
+"""Catalogue, defaults, materials, TOML, overrides."""
+
+import pickle
+import tomllib
+from pathlib import Path
+
+import pytest
+from pydantic import ValidationError
+
+from ffsi.scene import (
+    CASES,
+    Beam,
+    ChannelCylinder,
+    FlapChannel,
+    Fluid,
+    Inflow,
+    Outlet,
+    Scene,
+    SceneError,
+    StVenantKirchhoff,
+    load_scene,
+    parse_overrides,
+    with_values,
+)
+
+STEADY_CASES = {
+    "flap-svk": "fsi",
+    "turek-cfd1": "fluid",
+    "turek-cfd2": "fluid",
+    "turek-csm1": "solid",
+    "turek-csm2": "solid",
+    "turek-fsi1": "fsi",
+    "cylinder-2d1": "fluid",
+    "cavity-flexible-floor": "fsi",
+}
+
+
+def svk(**values: object) -> StVenantKirchhoff:
+    return StVenantKirchhoff(material="st-venant-kirchhoff", density=1, **values)
+
+
+def test_catalogue_physics_and_levels() -> None:
+    assert {name: scene.physics for name, scene in CASES.items()} == STEADY_CASES
+    assert all(name == scene.name and scene.description for name, scene in CASES.items())
+    levels = {name: scene.mesh.level for name, scene in CASES.items()}
+    assert levels == {name: 1 if name == "flap-svk" else 2 for name in CASES}
+
+
+@pytest.mark.parametrize(
+    ("case", "values"),
+    [
+        ("flap-svk", {
+            "fluid.density": 1, "fluid.viscosity": 1e-3, "solid.flap.density": 1, "solid.flap.lame_lambda": 8,
+            "solid.flap.lame_mu": 2, "inflow.mean_velocity": 0.12, "forces.reference_length": 0.2,
+            "mesh.root_size": 0.01, "geometry.flap_left": 0.5, "geometry.flap_width": 0.04,
+            "geometry.flap_height": 0.2, "geometry.length": 2.5, "geometry.height": 0.4,
+        }),
+        ("turek-cfd1", {"fluid.density": 1000, "fluid.viscosity": 1, "inflow.mean_velocity": 0.2}),
+        ("turek-cfd2", {"fluid.density": 1000, "fluid.viscosity": 1, "inflow.mean_velocity": 1}),
+        ("turek-csm1", {"solid.beam.density": 1000, "solid.beam.lame_mu": 5e5, "solid.beam.poisson_ratio": 0.4,
+                        "gravity.x": 0, "gravity.y": -2}),
+        ("turek-csm2", {"solid.beam.density": 1000, "solid.beam.lame_mu": 2e6, "gravity.y": -2}),
+        ("turek-fsi1", {"fluid.viscosity": 1, "solid.beam.density": 1000, "solid.beam.lame_mu": 5e5,
+                        "solid.beam.poisson_ratio": 0.4, "inflow.mean_velocity": 0.2, "forces.reference_length": 0.1,
+                        "geometry.length": 2.5, "geometry.height": 0.41, "geometry.beam.length": 0.35,
+                        "geometry.beam.thickness": 0.02}),
+        ("cylinder-2d1", {"fluid.density": 1, "fluid.viscosity": 1e-3, "inflow.mean_velocity": 0.2,
+                          "geometry.length": 2.2, "geometry.height": 0.41, "forces.reference_length": 0.1}),
+        ("cavity-flexible-floor", {"fluid.density": 1, "fluid.viscosity": 0.01, "inflow.mean_velocity": 1,
+                                   "solid.floor.density": 1000, "solid.floor.young_modulus": 500,
+                                   "solid.floor.poisson_ratio": 0.4, "forces.reference_length": 1}),
+    ],
+)  # fmt: skip
+def test_catalogue_values(case: str, values: dict[str, float]) -> None:
+    parameters = CASES[case].parameters()
+    assert {key: parameters.get(key) for key in values} == values
+
+
+def test_parameters_are_exactly_the_numbers() -> None:
+    assert list(CASES["turek-csm1"].parameters()) == [
+        "geometry.length", "geometry.height", "geometry.cylinder_x", "geometry.cylinder_y",
+        "geometry.cylinder_radius", "geometry.beam.length", "geometry.beam.thickness",
+        "mesh.level", "mesh.size_factor", "mesh.growth", "mesh.far_size", "mesh.body_size", "mesh.corner_size",
+        "solid.beam.density", "solid.beam.lame_mu", "solid.beam.poisson_ratio", "gravity.x", "gravity.y",
+        "solver.tolerance", "solver.max_iterations", "solver.minimum_jacobian", "solver.reuse_ratio",
+    ]  # fmt: skip
+    assert type(CASES["turek-csm1"].parameters()["mesh.level"]) is int
+
+
+# TOML -----------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_round_trip(case: str) -> None:
+    scene = CASES[case]
+    text = scene.to_toml()
+    assert Scene.from_toml(text) == scene
+    assert Scene.from_toml(text).to_toml() == text
+    assert pickle.loads(pickle.dumps(scene)) == scene
+
+
+def test_round_trip_keeps_awkward_values() -> None:
+    scene = with_values(
+        CASES["flap-svk"],
+        {"description": 'quotes "and" \\ back \u00e9', "inflow.profile": "y**2 / H",
+         "solver.time_limit": "1 h", "fluid.viscosity": 0.1 + 0.2, "output.vtu": False, "gravity.y": "-9.81 m/s^2"},
+    )  # fmt: skip
+    again = Scene.from_toml(scene.to_toml())
+    assert again == scene
+    assert again != CASES["flap-svk"]
+    assert again.fluid is not None
+    assert again.fluid.viscosity == 0.1 + 0.2
+    assert again.solver.time_limit == 3600.0
+
+
+def test_short_scene_is_filled_in() -> None:
+    text = """
+    name = "short"
+    [geometry]
+    kind = "flap-channel"
+    flap_height = "15 cm"
+    [fluid]
+    density = "1 g/cm^3"
+    viscosity = "3.5 mPa s"
+    [solid.flap]
+    material = "st-venant-kirchhoff"
+    density = 1100
+    young_modulus = "0.5 MPa"
+    poisson_ratio = 0.3
+    [inflow]
+    mean_velocity = "12 mm/s"
+    [outlet]
+    kind = "zero-traction"
+    """
+    scene = Scene.from_toml(text)
+    parameters = scene.parameters()
+    assert parameters["geometry.flap_height"] == 0.15
+    assert parameters["fluid.density"] == 1000.0
+    assert parameters["fluid.viscosity"] == 0.0035
+    assert parameters["inflow.mean_velocity"] == 0.012
+    assert parameters["forces.reference_length"] == 0.15
+    assert parameters["mesh_motion.stiffness_exponent"] == 1.0
+    assert parameters["mesh_motion.divergence_weight"] == 1.0
+    assert parameters["mesh.far_size"] == FlapChannel.default_sizes.far_size
+    assert scene.element_sizes == FlapChannel.default_sizes
+    assert "root_size" not in tomllib.loads(scene.to_toml())["mesh"]
+    assert scene.gravity is None
+
+
+def test_given_sizes_are_kept() -> None:
+    scene = load_scene("turek-fsi1", ["mesh.body_size=2 mm"])
+    assert scene.element_sizes.body_size == 0.002
+    assert scene.element_sizes.far_size == ChannelCylinder.default_sizes.far_size
+
+
+def test_python_and_toml_give_the_same_scene() -> None:
+    values = {"fluid": {"density": 1, "viscosity": 1}, "outlet": {"kind": "do-nothing"}, "inflow": {"mean_velocity": 1}}
+    table = Scene.model_validate(
+        {"name": "a", "geometry": {"kind": "channel-cylinder", "beam": {"length": 0.3}}, **values}
+    )
+    built = Scene(
+        name="a",
+        geometry=ChannelCylinder(beam=Beam(length=0.3)),
+        fluid=Fluid(density=1, viscosity=1),
+        inflow=Inflow(mean_velocity=1),
+        outlet=Outlet(kind="do-nothing"),
+    )
+    assert built == table
+    assert built.physics == "fluid"
+
+
+def test_scenes_are_frozen() -> None:
+    with pytest.raises(ValidationError):
+        CASES["flap-svk"].name = "other"  # type: ignore[misc]
+
+
+# Materials ------------------------------------------------------------------------------------------------------------
+
+
+def test_elastic_constants_convert() -> None:
+    young, nu = 1000.0, 0.25
+    expected = (400.0, 400.0)
+    assert svk(young_modulus=young, poisson_ratio=nu).lame == pytest.approx(expected, rel=1e-14)
+    assert svk(lame_mu=400, poisson_ratio=nu).lame == pytest.approx(expected, rel=1e-14)
+    assert svk(lame_lambda=400, lame_mu=400).lame == expected
+    for solid in (svk(young_modulus=young, poisson_ratio=nu), svk(lame_mu=400, poisson_ratio=nu),
+                  svk(lame_lambda=400, lame_mu=400)):  # fmt: skip
+        assert solid.young_poisson == pytest.approx((young, nu), rel=1e-14)
+
+
+def test_published_constants() -> None:
+    assert CASES["turek-fsi1"].solid["beam"].young_poisson == pytest.approx((1.4e6, 0.4), rel=1e-14)
+    assert CASES["turek-fsi1"].solid["beam"].lame == pytest.approx((2.0e6, 0.5e6), rel=1e-14)
+    assert CASES["flap-svk"].solid["flap"].young_poisson == pytest.approx((5.6, 0.4), rel=1e-14)
+
+
+def test_auxetic_solid_is_accepted_down_to_minus_one() -> None:
+    assert svk(lame_lambda=-1, lame_mu=2).young_poisson[1] == pytest.approx(-0.5, rel=1e-14)
+    assert svk(lame_mu=2, poisson_ratio=-0.5).lame == pytest.approx((-1, 2), rel=1e-14)
+    assert svk(lame_mu=2, poisson_ratio=0.0).lame == (0.0, 2.0)
+
+
+# Overrides ------------------------------------------------------------------------------------------------------------
+
+
+def test_overrides_are_typed() -> None:
+    values = parse_overrides(["a=1", "a.b=1.5", "c=true", "d=text here", 'e="quoted"', "f=3.5 mPa s", "g=1979-05-27",
+                              "h = x=y ", "i=1\nj=2", "k=[1, 2]", "a=2"])  # fmt: skip
+    assert values == {"a": 2, "a.b": 1.5, "c": True, "d": "text here", "e": "quoted", "f": "3.5 mPa s",
+                      "g": "1979-05-27", "h": "x=y", "i": "1\nj=2", "k": [1, 2]}  # fmt: skip
+
+
+def test_overrides_change_only_what_they_name() -> None:
+    overrides = ["fluid.viscosity=3.5 mPa s", "inflow.mean_velocity=0.06", 'mesh.far_size="9 cm"', "mesh.level=0"]
+    changed, base = load_scene("flap-svk", overrides).parameters(), CASES["flap-svk"].parameters()
+    different = {key: value for key, value in changed.items() if value != base[key]}
+    assert different == {
+        "fluid.viscosity": 0.0035, "inflow.mean_velocity": 0.06, "mesh.far_size": 0.09, "mesh.level": 0
+    }  # fmt: skip
+    assert load_scene("flap-svk") == CASES["flap-svk"]
+
+
+def test_whole_pair_replaces_the_pair_in_use() -> None:
+    scene = load_scene("flap-svk", ["solid.flap.young_modulus=5.6", "solid.flap.poisson_ratio=0.4"])
+    flap = scene.solid["flap"]
+    assert flap.elastic_pair == ("young_modulus", "poisson_ratio")
+    assert flap.lame == pytest.approx((8.0, 2.0), rel=1e-14)
+    with pytest.raises(SceneError, match=r"uses the pair \(lame_lambda, lame_mu\)"):
+        load_scene("flap-svk", ["solid.flap.young_modulus=5.6", "solid.flap.lame_mu=0.4"])
+
+
+def test_beam_can_be_made_elastic() -> None:
+    beam = 'solid.beam={material="st-venant-kirchhoff", density=1000, lame_mu=5e5, poisson_ratio=0.4}'
+    scene = load_scene("turek-cfd1", [beam])
+    assert scene.physics == "fsi"
+    assert scene.mesh_motion is not None
+
+
+def test_with_values_does_not_touch_its_arguments() -> None:
+    beam = {"length": 0.3}
+    scene = with_values(CASES["cylinder-2d1"], {"geometry.beam": beam, "geometry.beam.thickness": 0.01})
+    assert scene.parameters()["geometry.beam.thickness"] == 0.01
+    assert beam == {"length": 0.3}
+    assert CASES["cylinder-2d1"].geometry.solid_names == ()
+
+
+def test_load_scene_from_files(tmp_path: Path) -> None:
+    path = tmp_path / "scene.toml"
+    path.write_bytes(b"\xef\xbb\xbf" + CASES["turek-fsi1"].to_toml().replace("\n", "\r\n").encode())
+    assert load_scene(path) == CASES["turek-fsi1"]
+    assert load_scene(str(path), ["mesh.level=0"]).mesh.level == 0
+    with pytest.raises(SceneError, match="folder") as caught:
+        load_scene(str(tmp_path))
+    assert caught.value.problems[0].nearest == str(path)
