@@ -382,7 +382,7 @@ def _range(key: str, text: str) -> list[Decimal]:
     start, stop, step = (_number(key, part) for part in parts)
     if step == 0 or (stop - start) / step < 0:
         raise InputError(f"--vary {key}: the step {step} does not lead from {start} to {stop}")
-    count = int((stop - start) / step + Decimal("1e-9")) + 1
+    count = int((stop - start) / step) + 1
     if count > MAXIMUM_POINTS:
         raise InputError(f"--vary {key}: {text!r} has {count} values, more than {MAXIMUM_POINTS}")
     return [start + i * step for i in range(count)]

@@ -118,7 +118,7 @@ def _canvas(fields: Fields, title: str, window: tuple[FloatArray, FloatArray] | 
     size = (
         (WIDTH, 1.75 + 0.9 * WIDTH * ratio)
         if length > _LONG * height
-        else (3.0 + min(8.0, 7.0 / ratio), 1.0 + min(8.0 * ratio, 7.0))
+        else (3.0 + min(8.0, 5.5 / ratio), 1.0 + min(8.0 * ratio, 5.5))
     )
     figure = Figure(figsize=size, layout="constrained", facecolor="white")
     axes = figure.add_subplot()
@@ -197,7 +197,7 @@ def _pressure_levels(values: FloatArray) -> tuple[FloatArray, str]:
     if not high > low:
         low, high = low - 0.5, high + 0.5
     palette = "plasma"
-    if low < 0 < high and min(-low, high) > 0.2 * max(-low, high):
+    if low < 0 < high and min(-low, high) > 0.5 * max(-low, high):
         low, high, palette = -max(-low, high), max(-low, high), "RdBu_r"
     return np.asarray(MaxNLocator(24, steps=STEPS).tick_values(low, high)), palette
 

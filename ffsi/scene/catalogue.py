@@ -6,7 +6,12 @@ from ffsi.scene.flow import Forces, Gravity, Inflow, Outlet
 from ffsi.scene.geometry import Beam, ChannelCavity, ChannelCylinder, FlapChannel
 from ffsi.scene.materials import Fluid, StVenantKirchhoff
 from ffsi.scene.model import Scene
-from ffsi.scene.numerics import Mesh
+from ffsi.scene.numerics import Mesh, MeshMotion
+
+# Element sizes at level 0 where the geometry's defaults are not the best: a flow needs the wake, a beam alone only its corners.
+FLOW_MESH = Mesh(growth=0.4, far_size=0.05, body_size=0.012, corner_size=0.0025)
+CYLINDER_MESH = Mesh(growth=0.4, far_size=0.05, body_size=0.008, corner_size=0.0025)
+BEAM_MESH = Mesh(growth=0.5, far_size=0.09, body_size=0.012, corner_size=0.001)
 
 DO_NOTHING = Outlet(kind="do-nothing")
 
@@ -21,6 +26,8 @@ def flap(name: str, description: str, solid: StVenantKirchhoff) -> Scene:
         mesh=Mesh(level=1, root_size=0.01),
         fluid=Fluid(density=1.0, viscosity=1e-3),
         solid={"flap": solid},
+        # The mesh must follow a tip that moves by two thirds of the flap's height.
+        mesh_motion=MeshMotion(stiffness_exponent=2.0, divergence_weight=10.0),
         inflow=Inflow(mean_velocity=0.12),
         outlet=DO_NOTHING,
         forces=Forces(reference_length=0.2),
@@ -45,6 +52,7 @@ def turek(name: str, description: str, mean_velocity: float | None = None, lame_
         name=name,
         description=description,
         geometry=ChannelCylinder(beam=Beam()),
+        mesh=(Mesh() if solid else FLOW_MESH) if wet else BEAM_MESH,
         fluid=Fluid(density=1000.0, viscosity=1.0) if wet else None,
         solid=solid,
         gravity=None if wet else Gravity(y=-2.0),
@@ -68,6 +76,7 @@ def _scenes() -> list[Scene]:
             name="cylinder-2d1",
             description="Schaefer-Turek 2D-1: steady flow around a cylinder, Re 20",
             geometry=ChannelCylinder(length=2.2),
+            mesh=CYLINDER_MESH,
             fluid=Fluid(density=1.0, viscosity=1e-3),
             inflow=Inflow(mean_velocity=0.2),
             outlet=DO_NOTHING,

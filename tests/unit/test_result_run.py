@@ -1,6 +1,7 @@
 """From a scene to a Result, with a stand-in for the FreeFEM process."""
 
 import json
+import threading
 from types import SimpleNamespace
 
 import pytest
@@ -135,6 +136,21 @@ def test_a_chain_checks_every_point_with_its_own_values(tmp_path, freefem, check
     assert load_result(tmp_path / "chain", 2).scene.inflow.mean_velocity == 0.02
     assert len(load_results(tmp_path / "chain")) == 3
     assert results[1].data["timings"]["total"] == pytest.approx(0.4, abs=0.2)
+
+
+def test_points_are_checked_while_freefem_goes_on(tmp_path, freefem, check, scene):
+    first, in_time = threading.Event(), []
+
+    def wait_for_the_first_result(event):
+        if event.integer("point") == 1:
+            in_time.append(first.wait(10))
+
+    results = run.run_chain(
+        scene, velocities(0.01, 0.02), tmp_path / "chain", on_event=wait_for_the_first_result,
+        on_result=lambda result: first.set(),
+    )  # fmt: skip
+    assert in_time == [True]
+    assert len(results) == 2
 
 
 def test_a_chain_that_dies_keeps_its_complete_points(tmp_path, freefem, check, scene):

@@ -24,7 +24,7 @@ class Beam(Table):
 class ChannelCylinder(GeometryBase):
     """Channel [0, length] x [0, height] around a cylinder; solid ``beam`` where `beam` is given."""
 
-    default_sizes: ClassVar[ElementSizes] = ElementSizes(growth=0.75, far_size=0.12, body_size=0.012, corner_size=0.005)
+    default_sizes: ClassVar[ElementSizes] = ElementSizes(growth=0.75, far_size=0.09, body_size=0.014, corner_size=0.003)
 
     kind: Literal["channel-cylinder"] = Field("channel-cylinder", description="name of the geometry")
     length: Length = Field(2.5, description="length of the channel, m")

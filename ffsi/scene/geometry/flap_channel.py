@@ -15,7 +15,7 @@ from ffsi.scene.units import Length
 class FlapChannel(GeometryBase):
     """Channel [0, length] x [0, height] with the flap [left, left + width] x [0, flap_height]; solid ``flap``."""
 
-    default_sizes: ClassVar[ElementSizes] = ElementSizes(growth=0.75, far_size=0.12, body_size=0.02, corner_size=0.01)
+    default_sizes: ClassVar[ElementSizes] = ElementSizes(growth=0.6, far_size=0.1, body_size=0.015, corner_size=0.008)
 
     kind: Literal["flap-channel"] = Field("flap-channel", description="name of the geometry")
     length: Length = Field(2.5, description="length of the channel, m")
