@@ -10,7 +10,7 @@ STAMP := $(VENV)/.installed
 STUDY := runs/flap-svk
 SYSTEM_PACKAGES := freefem++ libfreefem++ libfreefem++-dev libopenblas0-pthread
 
-.PHONY: help setup system run test verify bench lint
+.PHONY: help setup system run test verify bench lint edp
 
 help:
 	@echo "make setup   install what is missing: FreeFEM (apt) and the Python environment in $(VENV)"
@@ -19,6 +19,7 @@ help:
 	@echo "make verify  the published values (long)"
 	@echo "make bench   the timings"
 	@echo "make lint    ruff and mypy"
+	@echo "make edp     render every case of the catalogue into edp/ again"
 
 setup: system $(STAMP)
 
@@ -39,6 +40,11 @@ lint: setup
 	@$(BIN)/ruff check ffsi tests
 	@$(BIN)/ruff format --check ffsi tests
 	@$(BIN)/mypy
+
+edp: setup
+	@rm -f edp/*.edp
+	@cases=$$($(BIN)/ffsi cases --json | $(BIN)/python -c 'import json, sys; print(*(case["name"] for case in json.load(sys.stdin)))'); \
+	for case in $$cases; do $(BIN)/ffsi render "$$case" -o "edp/$$case.edp"; done
 
 # Installs packages only when some are missing. Elsewhere than on Debian, `ffsi doctor` says what FreeFEM lacks.
 define APT_INSTALL

@@ -5,12 +5,11 @@ Exit codes: 0 solved and checked, 1 check failed, 2 bad input, 3 not converged, 
 
 from __future__ import annotations
 
-import importlib
 import logging
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -50,6 +49,13 @@ Settings = Annotated[
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON on stdout, and nothing else there.")]
 NoCheck = Annotated[bool, typer.Option("--no-check", help="Skip the independent reference check.")]
+TableFolder = Annotated[
+    Path | None, typer.Option("--out", metavar="DIR", help="Write CSV, Markdown, pictures there.", show_default=False)
+]
+Readme = Annotated[
+    Path | None,
+    typer.Option("--readme", metavar="FILE", help="Replace this command's tables in FILE.", show_default=False),
+]
 Threads = Annotated[int, typer.Option("--threads", min=1, help="Threads of the linear algebra.")]
 
 
@@ -212,19 +218,44 @@ def report(
 
 
 @app.command()
+def verify(
+    levels: Annotated[
+        str | None,
+        typer.Option(
+            "--levels", metavar="A,B,...", help="Mesh levels of every case.", show_default="0 to 3, FSI1 0 to 4"
+        ),
+    ] = None,
+    out: TableFolder = None,
+    readme: Readme = None,
+) -> None:
+    """Run every case that has published values on several meshes and print the errors (takes minutes).
+
+    Exit codes: 0 all runs solved and checked, else as `ffsi run`; errors against published values do not count.
+    """
+    from ffsi.verification import main as verify_all
+
+    raise typer.Exit(_worst(verify_all(_levels(levels) if levels is not None else None, out, readme)))
+
+
+@app.command()
 def bench(
     case: Annotated[str, typer.Option("--case", help="The case to measure.")] = "turek-fsi1",
-    levels: Annotated[str, typer.Option("--levels", help="Mesh levels, separated by commas.")] = "0,1,2,3,4",
+    levels: Annotated[
+        str, typer.Option("--levels", metavar="A,B,...", help="Mesh levels, separated by commas.")
+    ] = "0,1,2,3,4",
+    repeat: Annotated[
+        int | None, typer.Option("--repeat", min=1, help="Runs per level; medians are shown.", show_default="1")
+    ] = None,
+    out: TableFolder = None,
+    readme: Readme = None,
 ) -> None:
-    """Measure assembly, factorisation and solution over the mesh levels."""
+    """Measure error against seconds, and what assembly costs beside one factorisation, over the mesh levels."""
+    from ffsi.bench import main as measure
+
     load_scene(case, [])
-    try:
-        numbers = [int(item) for item in levels.split(",")]
-    except ValueError:
-        raise InputError(f"--levels takes integers separated by commas such as 0,1,2, not {levels!r}") from None
-    if min(numbers) < 0 or max(numbers) > 4:
-        raise InputError(f"--levels: mesh levels go from 0 to 4, not {levels!r}")
-    importlib.import_module("ffsi.bench").main(numbers, case)
+    given = {"repeat": repeat, "out": out, "readme": readme}
+    options: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
+    raise typer.Exit(_worst(measure(_levels(levels), case, **options) or []))
 
 
 @app.command()
@@ -254,6 +285,19 @@ def _finish(results: Sequence[Result], directory: Path) -> None:
         if not result.converged:
             show.error(f"{result.reason}; what there is lies in {directory}")
     raise typer.Exit(_worst([result.failure for result in results]))
+
+
+def _levels(text: str) -> list[int]:
+    """Read mesh levels such as `0,1,2`."""
+    try:
+        numbers = [int(item) for item in text.split(",")]
+    except ValueError:
+        raise InputError(f"--levels takes integers separated by commas such as 0,1,2, not {text!r}") from None
+    if min(numbers) < 0 or max(numbers) > 4:
+        raise InputError(f"--levels: mesh levels go from 0 to 4, not {text!r}")
+    if len(set(numbers)) < len(numbers):
+        raise InputError(f"--levels: a level occurs twice in {text!r}")
+    return numbers
 
 
 def _worst(failures: Sequence[str]) -> int:
