@@ -10,14 +10,15 @@ STAMP := $(VENV)/.installed
 STUDY := runs/flap-svk
 SYSTEM_PACKAGES := freefem++ libfreefem++ libfreefem++-dev libopenblas0-pthread
 
-.PHONY: help setup system run test verify bench lint edp
+.PHONY: help setup system run test verify bench figures lint edp
 
 help:
 	@echo "make setup   install what is missing: FreeFEM (apt) and the Python environment in $(VENV)"
 	@echo "make run     the flap study: a sweep over the inflow velocity, and its report"
 	@echo "make test    unit tests and small real runs"
-	@echo "make verify  the published values (long)"
-	@echo "make bench   the timings"
+	@echo "make verify  the published values: results/verification.*, README.md, and their tests (minutes)"
+	@echo "make bench   error against seconds, cost ratios: results/bench-*, README.md"
+	@echo "make figures the README's picture, from the last point of 'make run'"
 	@echo "make lint    ruff and mypy"
 	@echo "make edp     render every case of the catalogue into edp/ again"
 
@@ -31,10 +32,18 @@ test: setup
 	@$(BIN)/python -m pytest tests/unit tests/freefem
 
 verify: setup
-	@$(BIN)/python -m pytest tests/verification -s
+	@$(BIN)/ffsi verify --out results --readme README.md
+	@$(BIN)/python -m pytest tests/verification
 
 bench: setup
-	@$(BIN)/ffsi bench
+	@$(BIN)/ffsi bench --repeat 3 --out results --readme README.md
+
+figures: $(STUDY)/chain-001/velocity-0010.png
+	@mkdir -p results
+	@cp $< results/flap-velocity.png
+
+$(STUDY)/chain-001/velocity-0010.png:
+	@$(MAKE) run
 
 lint: setup
 	@$(BIN)/ruff check ffsi tests

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import math
 import os
 import platform
 from collections.abc import Iterable, Mapping, Sequence
@@ -172,10 +173,11 @@ class TextTable:
 
 
 def percent(error: float) -> str:
-    """Return a relative error in percent: three decimals, four where it is below 0.01 %."""
-    if error != error:
+    """Return a relative error in percent: three decimals, more where two digits need them."""
+    if math.isnan(error):
         return NOTHING
-    return f"{100 * error:+.4f} %" if abs(error) < 0.95e-4 else f"{100 * error:+.3f} %"
+    decimals = 3 if abs(error) < 1e-10 else min(max(3, 1 - math.floor(math.log10(100 * abs(error)))), 8)
+    return f"{100 * error:+.{decimals}f} %"
 
 
 def number(value: Any, form: str = "{:.1f}") -> str:

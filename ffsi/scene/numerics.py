@@ -53,7 +53,7 @@ class Solver(Table):
         "coarse", description='first guess: "coarse" (solution of the coarser levels) or "rest"'
     )
     reuse_ratio: Annotated[float, Quantity("1", at_least=0.0, below=1.0)] = Field(
-        0.3,
+        0.1,
         description="factors are kept while the residual falls at least by this factor; 0: new ones in every "
         "iteration, dimensionless",
     )

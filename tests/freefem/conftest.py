@@ -1,0 +1,58 @@
+"""Runs that several tests share: every scene is solved once per session."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from ffsi.freefem import find_freefem, run_script
+from ffsi.result import Result
+from ffsi.run import solve
+from ffsi.scene import Scene, load_scene
+
+PLAIN = ("output.pictures=false", "output.vtu=false")
+
+
+def scene_of(case: str, *settings: str) -> Scene:
+    """Return a catalogue case with level 0 and no pictures, unless the settings say otherwise."""
+    return load_scene(case, ["mesh.level=0", *PLAIN, *settings])
+
+
+@pytest.fixture(scope="session")
+def installation():
+    return find_freefem()
+
+
+@pytest.fixture(scope="session")
+def solved(tmp_path_factory) -> Callable[..., Result]:
+    """Solve a case through Python, or return the result of the same call before; nobody may change its folder."""
+    known: dict[tuple[str, ...], Result] = {}
+
+    def solved(case: str, *settings: str) -> Result:
+        key = (case, *settings)
+        if key not in known:
+            known[key] = solve(scene_of(case, *settings), tmp_path_factory.mktemp(case))
+        return known[key]
+
+    return solved
+
+
+@pytest.fixture
+def run_text(installation, tmp_path) -> Callable[..., Path]:
+    """Run the text of a script into a folder of its own; return the folder, and how it ended."""
+
+    def run_text(text: str, **arguments: object):
+        script = tmp_path / "case.edp"
+        script.write_text(text, encoding="utf-8")
+        out = tmp_path / "out"
+        out.mkdir()
+        return out, run_script(
+            script,
+            {"out": out, **arguments},
+            installation=installation,
+            log=tmp_path / "log",
+            cwd=tmp_path,
+            time_limit=60,
+        )
+
+    return run_text

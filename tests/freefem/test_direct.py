@@ -1,0 +1,196 @@
+"""The committed scripts, run by FreeFEM alone: the same numbers as through Python, and clear refusals."""
+
+import json
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from conftest import scene_of
+
+from ffsi.rawfiles import read_mesh, read_state
+from ffsi.reference import check_run
+from ffsi.render import is_runtime_parameter, render
+from ffsi.scene import CASES, with_values
+
+EDP = Path(__file__).parents[2] / "edp"
+
+
+@pytest.fixture(scope="session")
+def freefem(installation):
+    """Run a committed script as a user would, in an empty folder."""
+
+    def freefem(script: str | Path, *arguments: object, cwd: Path) -> subprocess.CompletedProcess[str]:
+        path = EDP / f"{script}.edp" if isinstance(script, str) else script
+        command = [installation.binary, "-nw", "-ns", "-v", "0", path, *map(str, arguments)]
+        return subprocess.run(
+            command, env=installation.environment(1), cwd=cwd, capture_output=True, text=True, timeout=60, check=False
+        )
+
+    return freefem
+
+
+def events(output: str, kind: str) -> list[str]:
+    start = f"@ffsi {kind} "
+    return [line.removeprefix(start) for line in output.splitlines() if line.startswith(start)]
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_the_same_numbers_as_through_python(freefem, solved, tmp_path, case):
+    done = freefem(case, "-mesh_level", 0, "-out", tmp_path, cwd=tmp_path)
+    assert (done.returncode, events(done.stdout, "end")) == (0, ["status=converged"])
+    through = solved(case)
+    point = json.loads((tmp_path / "point-0001.json").read_text())
+    assert point["case"] == case
+    assert point["parameters"] == through.parameters
+    assert point["quantities"] == pytest.approx(through.quantities, rel=1e-12, abs=0)
+    mesh, other = (read_mesh(folder / "mesh.bin") for folder in (tmp_path, through.directory))
+    assert (mesh.vertices == other.vertices).all()
+    state, same = (read_state(folder / "point-0001.bin", mesh) for folder in (tmp_path, through.directory))
+    for field in "uvp":
+        scale = np.abs(getattr(same, field)).max()
+        assert np.abs(getattr(state, field) - getattr(same, field)).max() <= 1e-12 * scale
+    report = check_run(tmp_path, through.scene)
+    assert report.passed, report.failures
+
+
+def test_files_of_a_direct_run(freefem, tmp_path):
+    out = tmp_path / "out put"
+    out.mkdir()
+    done = freefem("turek-csm2", "-mesh_level", 1, "-out", out, cwd=tmp_path)
+    assert done.returncode == 0
+    assert {path.name for path in out.iterdir()} == {"mesh.bin", "newton.csv", "point-0001.bin", "point-0001.json"}
+    assert [path.name for path in tmp_path.iterdir()] == ["out put"]
+    assert json.loads((out / "point-0001.json").read_text())["level"] == 1
+    assert check_run(out, scene_of("turek-csm2", "mesh.level=1")).passed
+
+
+def test_numbers_given_as_flags(freefem, tmp_path):
+    words = ["-mesh_level", 0, "-gravity_y", "-1e0", "-solid_beam_lame_mu", "+4.E6", "-solver_tolerance", ".0000000001"]
+    done = freefem("turek-csm2", *words, cwd=tmp_path)
+    assert done.returncode == 0
+    scene = scene_of("turek-csm2", "gravity.y=-1", "solid.beam.lame_mu=4e6")
+    assert check_run(tmp_path, scene).passed
+    with pytest.raises(ValueError, match=r"gravity\.y"):
+        check_run(tmp_path, scene_of("turek-csm2"))
+
+
+def test_several_points(freefem, tmp_path):
+    (tmp_path / "points.txt").write_text("2\ngravity_y solid_beam_density\n3\n-1 1000\n-2 1000\n-2 500\n")
+    done = freefem("turek-csm2", "-mesh_level", 0, "-points", "points.txt", cwd=tmp_path)
+    assert done.returncode == 0
+    assert len(events(done.stdout, "point")) == 3
+    tips = [json.loads((tmp_path / f"point-000{i}.json").read_text())["quantities"]["tip_uy"] for i in (1, 2, 3)]
+    assert tips[0] == pytest.approx(tips[2], rel=1e-6)  # half the gravity, half the density
+    assert tips[1] < 1.5 * tips[0] < 0
+    scene = scene_of("turek-csm2", "solid.beam.density=500")
+    assert check_run(tmp_path, scene, point=3).passed
+    history = pd.read_csv(tmp_path / "newton.csv")
+    assert history["point"].unique().tolist() == [1, 2, 3]
+    assert list(history)[:3] == ["point", "load", "stage"]
+
+
+@pytest.mark.parametrize(
+    "case, settings", [("turek-fsi1", ["gravity.y=-0.1"]), ("turek-csm2", []), ("turek-cfd1", ["gravity.y=-0.1"])]
+)
+def test_every_parameter_of_a_point_counts(freefem, tmp_path, case, settings):
+    """One point after the other changes one parameter more: nothing that depends on it may be left as it was."""
+    scene = scene_of(case, *settings)
+    values = {key: value for key, value in scene.parameters().items() if is_runtime_parameter(scene, key)}
+    points = [dict(values)]
+    for key, value in values.items():
+        points.append(points[-1] | {key: 0.9 * value})
+    lines = [str(len(values)), *(key.replace(".", "_") for key in values), str(len(points))]
+    lines += [" ".join(map(repr, point.values())) for point in points]
+    (tmp_path / "points.txt").write_text("\n".join(lines))
+    script = tmp_path / "case.edp"
+    script.write_text(render(scene))
+    done = freefem(script, "-mesh_level", 0, "-points", "points.txt", cwd=tmp_path)
+    assert done.returncode == 0
+    for number, (changed, point) in enumerate(zip(["nothing", *values], points, strict=True), start=1):
+        report = check_run(tmp_path, with_values(scene, point), point=number)
+        assert report.passed, (changed, report.failures)
+
+
+REFUSED = {
+    "unknown flag": (["-colour", "1"], "unknown flag -colour"),
+    "misspelt flag": (["-mesh_levle", "1"], "unknown flag -mesh_levle"),
+    "flag of another case": (["-solid_flap_lame_mu", "1"], "unknown flag -solid_flap_lame_mu"),
+    "key that stays in Python": (["-solver_time_limit", "1"], "unknown flag -solver_time_limit"),
+    "no dash": (["mesh_level", "1"], "unknown flag mesh_level"),
+    "two dashes": (["--mesh_level", "1"], "unknown flag --mesh_level"),
+    "a dash alone": (["-", "1"], "unknown flag -"),
+    "no value": (["-mesh_level"], "-mesh_level needs a number"),
+    "no value before a flag": (["-mesh_level", "-fluid_density", "1"], "-mesh_level needs a number, got '-fluid_de"),
+    "no folder": (["-out"], "-out needs a folder"),
+    "no file": (["-points"], "-points needs a file"),
+    "text": (["-mesh_level", "two"], "-mesh_level needs a number, got 'two'"),
+    "number with a unit": (["-fluid_density", "1000kg"], "-fluid_density needs a number, got '1000kg'"),
+    "two dots": (["-fluid_density", "1.0.0"], "-fluid_density needs a number"),
+    "empty exponent": (["-fluid_density", "1e"], "-fluid_density needs a number"),
+    "not a number": (["-fluid_density", "nan"], "-fluid_density needs a number"),
+    "infinity": (["-fluid_density", "inf"], "-fluid_density needs a number"),
+    "hexadecimal": (["-fluid_density", "0x10"], "-fluid_density needs a number"),
+    "fraction for an integer": (["-mesh_level", "1.5"], "-mesh_level needs an integer, got '1.5'"),
+    "exponent for an integer": (["-solver_max_iterations", "1e1"], "-solver_max_iterations needs an integer"),
+    "level too high": (["-mesh_level", "7"], "-mesh_level must be at most 4"),
+    "level too low": (["-mesh_level", "-1"], "-mesh_level must be at least 0"),
+    "huge level": (["-mesh_level", "99999999999"], "-mesh_level must be"),
+    "no iterations": (["-solver_max_iterations", "0"], "-solver_max_iterations must be at least 1"),
+    "no points file": (["-points", "nothing.txt"], "cannot read the points file nothing.txt"),
+    "no output folder": (["-mesh_level", "0", "-out", "nothing/there"], "cannot write into the folder nothing/there"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("arguments, message", REFUSED.values(), ids=REFUSED)
+def test_refused_with_exit_code_2(freefem, tmp_path, arguments, message):
+    done = freefem("turek-fsi1", *arguments, cwd=tmp_path)
+    texts = events(done.stdout, "bad-input")
+    assert (done.returncode, len(texts)) == (2, 1)
+    assert texts[0].startswith("text=" + message)
+    assert events(done.stdout, "end") == []
+    assert list(tmp_path.iterdir()) == []
+
+
+POINTS = {
+    "unknown parameter": ("1\ninflow_mean_velocty\n1\n0.2\n", "unknown parameter inflow_mean_velocty"),
+    "mesh parameter": ("1\nmesh_level\n1\n1\n", "mesh_level changes the mesh"),
+    "geometry": ("1\ngeometry_height\n1\n0.4\n", "geometry_height changes the mesh"),
+    "no names": ("0\n1\n", "cannot read the points file"),
+    "no text at all": ("", "cannot read the points file"),
+    "another kind of file": ("velocity,drag\n0.1,2\n", "cannot read the points file"),
+    "no values": ("1\ninflow_mean_velocity\n", "too few values"),
+    "too few values": ("1\ninflow_mean_velocity\n3\n0.1 0.2\n", "too few values"),
+    "text for a value": ("1\ninflow_mean_velocity\n1\nfast\n", "too few values, or no numbers"),
+    "no points": ("1\ninflow_mean_velocity\n0\n", "no points"),
+}
+
+
+@pytest.mark.parametrize("content, message", POINTS.values(), ids=POINTS)
+def test_points_files_that_are_refused(freefem, tmp_path, content, message):
+    (tmp_path / "points.txt").write_text(content)
+    done = freefem("turek-fsi1", "-mesh_level", 0, "-points", "points.txt", cwd=tmp_path)
+    texts = events(done.stdout, "bad-input")
+    assert (done.returncode, len(texts)) == (2, 1)
+    assert texts[0].startswith("text=" + message)
+    assert [path.name for path in tmp_path.iterdir()] == ["points.txt"]
+
+
+def test_not_converged_is_exit_code_3(freefem, tmp_path):
+    done = freefem("turek-fsi1", "-mesh_level", 0, "-solver_max_iterations", 1, cwd=tmp_path)
+    assert (done.returncode, events(done.stdout, "end")) == (3, ["status=failed"])
+    assert events(done.stdout, "failed")[0].startswith("point=1 text=")
+    assert json.loads((tmp_path / "failed.json").read_text())["status"] == "failed"
+    assert not list(tmp_path.glob("point-*"))
+
+
+@pytest.mark.parametrize("text", ['"; exec("touch pwned"); //', "ends with \\", "'*/ exit(1); /*", "Ω ≠ ω"])
+def test_a_description_never_runs(freefem, tmp_path, text):
+    scene = CASES["turek-csm2"]
+    scene = type(scene).model_validate(scene.model_dump(exclude_none=True) | {"description": text})
+    script = tmp_path / "case.edp"
+    script.write_text(render(scene), encoding="utf-8")
+    done = freefem(script, "-mesh_level", 0, cwd=tmp_path)
+    assert (done.returncode, events(done.stdout, "end")) == (0, ["status=converged"])
+    assert not (tmp_path / "pwned").exists()

@@ -1,0 +1,241 @@
+"""The rendered scripts as texts: complete, the same every time, and only what the scene needs."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from ffsi.render import is_runtime_parameter, parameter_flags, parameters, render
+from ffsi.scene import CASES, Expression, SceneError, load_scene
+
+EDP = Path(__file__).parents[2] / "edp"
+FLUID = [name for name, scene in CASES.items() if scene.physics == "fluid"]
+SOLID = [name for name, scene in CASES.items() if scene.physics == "solid"]
+FSI = [name for name, scene in CASES.items() if scene.physics == "fsi"]
+
+# What a section of the script announces itself by.
+FLUID_FLUX, SOLID_FLUX, MESH_MOTION, OUTLET = "FluidFlux", "E11 += a(:, 2)", "varf MotionXX", "varf OutletXY"
+
+
+def script(case: str, *settings: str, mumps: bool = True) -> str:
+    return render(load_scene(case, settings), mumps=mumps)
+
+
+def code(text: str) -> str:
+    """Return a script without its comments."""
+    return re.sub(r"//.*", "", text)
+
+
+def unknowns(text: str) -> list[str]:
+    return re.search(r"^// The vector of unknowns is ([a-z, ]+), one after the other", text, re.MULTILINE)[1].split(
+        ", "
+    )
+
+
+def blocks(text: str) -> set[str]:
+    return set(re.findall(r"^varf Block(\w+)\(", text, re.MULTILINE))
+
+
+def test_there_is_a_case_of_every_kind():
+    assert FLUID and SOLID and FSI
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_every_case_renders_completely(case):
+    text = script(case)
+    assert text.endswith("\n") and not text.endswith("\n\n")
+    assert not re.search(r"{{|{%|{#|\bNone\b|\bTrue\b|\bFalse\b|Undefined", text)
+    assert text.isascii()
+    for opening, closing in ("()", "[]", "{}"):
+        assert text.count(opening) == text.count(closing)
+    assert f'string caseName = "{case}";' in text
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_rendering_is_deterministic(case):
+    assert script(case) == script(case)
+    assert script(case) == render(load_scene(case, []).from_toml(load_scene(case, []).to_toml()))
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_the_committed_script_is_the_rendered_one(case):
+    assert (EDP / f"{case}.edp").read_text(encoding="utf-8") == script(case), "run `make edp`"
+
+
+def test_no_committed_script_is_stale():
+    assert {path.name for path in EDP.iterdir()} == {f"{case}.edp" for case in CASES}
+
+
+@pytest.mark.parametrize("case", FLUID)
+def test_a_pure_fluid_has_no_displacement(case):
+    text = script(case)
+    assert unknowns(text) == ["vx", "vy", "p"]
+    assert FLUID_FLUX in text
+    for absent in (SOLID_FLUX, MESH_MOTION, "uxFrom", "meshMotion", "tip_ux", "kinematicRow"):
+        assert absent not in code(text)
+    assert not {block for block in blocks(text) if "Ux" in block or "Uy" in block}
+
+
+@pytest.mark.parametrize("case", SOLID)
+def test_a_pure_solid_has_no_fluid(case):
+    text = script(case)
+    assert unknowns(text) == ["ux", "uy"]
+    assert blocks(text) == {"UxUx", "UxUy", "UyUx", "UyUy"}
+    assert SOLID_FLUX in text
+    for absent in (FLUID_FLUX, MESH_MOTION, OUTLET, "fluidDensity", "inflow", "vxFrom", "pFrom", "Force("):
+        assert absent not in code(text)
+
+
+@pytest.mark.parametrize("case", FSI)
+def test_fluid_and_solid_together_have_everything(case):
+    text = script(case)
+    assert unknowns(text) == ["ux", "uy", "vx", "vy", "p"]
+    for present in (FLUID_FLUX, SOLID_FLUX, MESH_MOTION, OUTLET, "kinematicRow", "tip_ux"):
+        assert present in text
+    # The rows of mesh motion and kinematics are constant: no block of the Jacobian has a test function of u.
+    assert blocks(text) == {
+        *("VxUx", "VxUy", "VxVx", "VxVy", "VxP", "VyUx", "VyUy", "VyVx", "VyVy", "VyP"),
+        *("PUx", "PUy", "PVx", "PVy"),
+    }
+
+
+def test_a_rigid_wall_is_no_solid():
+    """The roof and the floor of the flap's channel are boundaries: the flap is the only solid."""
+    text = script("flap-svk")
+    assert text.count(SOLID_FLUX) == 1
+    assert re.findall(r"^func int Flux(\w+)\(", text, re.MULTILINE) == ["Flap"]
+
+
+@pytest.mark.parametrize("case", [*FLUID, *FSI])
+def test_zero_traction_needs_no_outlet_term(case):
+    assert OUTLET in script(case)
+    text = script(case, "outlet.kind=zero-traction")
+    assert OUTLET not in text
+    assert "assembledViscosity" not in text
+
+
+def test_gravity_only_where_the_scene_has_it():
+    assert "gravity" not in code(script("turek-fsi1"))
+    text = script("turek-fsi1", "gravity.y=-2")
+    assert "fluidDensity*gravityY" in text
+    assert "gravityY)*solidMass" in text
+
+
+@pytest.mark.parametrize("case", ["turek-fsi1", "turek-cfd1", "turek-csm1"])
+def test_without_mumps_the_script_uses_umfpack(case):
+    usual = script(case)
+    assert 'load "MUMPS_seq"' in usual
+    for text in (script(case, mumps=False), script(case, "solver.linear_solver=umfpack")):
+        assert "MUMPS" not in code(text)
+        assert "UMFPACK" in text
+
+
+@pytest.mark.parametrize("text", ["one\ntwo", "one\rtwo", "one\u2028two", "a\x00b", "a\x85b", "tab\there", "\x1b[31m"])
+def test_a_description_is_one_line(text):
+    with pytest.raises(SceneError, match="description"):
+        described(text)
+
+
+@pytest.mark.parametrize(
+    "text", ['"; exec("touch pwned"); //', "ends with \\", "'*/ exit(1); /*", "{{ 7 * 7 }} {% x %}"]
+)
+def test_a_description_stays_inside_its_comment(text):
+    usual, changed = script("turek-csm1").splitlines(), render(described(text)).splitlines()
+    assert changed[0] == f"// turek-csm1: {text}"
+    assert changed[1:] == usual[1:]
+
+
+def described(text: str):
+    scene = CASES["turek-csm1"]
+    return type(scene).model_validate(scene.model_dump(exclude_none=True) | {"description": text})
+
+
+@pytest.mark.parametrize("name", ['a"; exec("x"); "', "a b", "A", "a\\", "a\n", "../a", "a.b", "", "é"])
+def test_names_with_anything_but_letters_and_digits_are_refused(name):
+    scene = CASES["turek-csm1"]
+    with pytest.raises(SceneError, match="name"):
+        type(scene).model_validate(scene.model_dump(exclude_none=True) | {"name": name})
+
+
+@pytest.mark.parametrize("name", ['beam"', "beam; exit(1)", "flap", "Beam"])
+def test_solids_have_the_names_that_the_geometry_gives(name):
+    scene = CASES["turek-csm1"].model_dump(exclude_none=True)
+    with pytest.raises(SceneError, match="unknown solid"):
+        type(CASES["turek-csm1"]).model_validate(scene | {"solid": {name: scene["solid"]["beam"]}})
+
+
+def profile(text: str) -> str:
+    return re.search(r"^ *func profile = (.*);$", text, re.MULTILINE)[1]
+
+
+def test_the_profile_is_printed_from_the_parsed_tree():
+    """What was typed never reaches the script: spaces, superfluous brackets and unit spellings are gone."""
+    formula = "  ( ( 1 ))+ y*( H -y)  "
+    printed = profile(script("turek-cfd1", f'inflow.profile="{formula}"'))
+    assert printed == Expression.parse(formula).to_freefem()
+    assert formula.strip() not in printed
+    values = {"y": 0.3, "H": 0.41}
+    assert eval(printed.replace("^", "**"), {}, values) == pytest.approx(1 + 0.3 * 0.11, rel=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("name", "at", "value"), [("parabolic", 0.1, 1.5 * 4 * 0.1 * 0.31 / 0.41**2), ("uniform", 0.1, 1)]
+)
+def test_the_built_in_profiles(name, at, value):
+    printed = profile(script("turek-cfd1", f"inflow.profile={name}"))
+    assert eval(printed.replace("^", "**"), {}, {"y": at, "H": 0.41}) == pytest.approx(value, rel=1e-14)
+
+
+@pytest.mark.parametrize("formula", ['exec("rm x")', "y; exit(1)", "x + y", "y //", '"y"', "y = 1", "system(1)", "y\\"])
+def test_code_is_no_profile(formula):
+    scene = CASES["turek-cfd1"].model_dump(exclude_none=True)
+    with pytest.raises(SceneError, match=r"inflow\.profile"):
+        type(CASES["turek-cfd1"]).model_validate(scene | {"inflow": {"mean_velocity": 1.0, "profile": formula}})
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_the_flags_are_the_numbers_of_the_scene(case):
+    scene = load_scene(case, [])
+    flags = parameter_flags(scene)
+    expected = {key.replace(".", "_"): value for key, value in scene.parameters().items() if key != "solver.time_limit"}
+    assert flags == expected
+    text = render(scene)
+    for parameter in parameters(scene):
+        kind = "int" if isinstance(parameter.value, int) else "real"
+        assert f"\n{kind} {parameter.variable} = {parameter.value};\n" in text
+    assert len({parameter.variable for parameter in parameters(scene)}) == len(flags)
+
+
+def test_values_are_defaults_of_the_script():
+    changed = script("turek-fsi1", "fluid.viscosity=2", "mesh.level=3")
+    usual = script("turek-fsi1").splitlines()
+    different = [line for line in changed.splitlines() if line not in usual]
+    assert different == ["int meshLevel = 3;", "real fluidViscosity = 2.0;"]
+
+
+def test_the_time_limit_stays_in_python():
+    scene = load_scene("turek-csm1", ["solver.time_limit=5"])
+    assert "solver_time_limit" not in parameter_flags(scene)
+    assert render(scene) == script("turek-csm1")
+
+
+@pytest.mark.parametrize(
+    ("case", "key", "runtime"),
+    [
+        ("flap-svk", "inflow.mean_velocity", True),
+        ("flap-svk", "fluid.viscosity", True),
+        ("flap-svk", "solid.flap.lame_mu", True),
+        ("flap-svk", "mesh_motion.divergence_weight", True),
+        ("turek-csm1", "gravity.y", True),
+        ("flap-svk", "mesh.level", False),
+        ("flap-svk", "mesh.root_size", False),
+        ("flap-svk", "geometry.height", False),
+        ("flap-svk", "solver.tolerance", False),
+        ("flap-svk", "gravity.y", False),
+        ("turek-csm1", "inflow.mean_velocity", False),
+        ("flap-svk", "inflow.profile", False),
+        ("flap-svk", "nothing", False),
+    ],
+)
+def test_what_can_change_between_the_points_of_one_process(case, key, runtime):
+    assert is_runtime_parameter(load_scene(case, []), key) is runtime
