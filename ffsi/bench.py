@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
 
 from ffsi import folder, show
 from ffsi.folder import InputError
@@ -50,7 +51,10 @@ RATIOS = (
     Ratio("one_residual", "one residual", ("one_residual",), 0.05),
     Ratio("overhead", "mesh + operators + output + check", ("mesh", "operators", "output", "check"), 4.0),
 )
-BOUNDS = "The bounds are meant for about 30 000 unknowns (level 2)."
+BOUNDS = (
+    "The bounds are meant for about 30 000 unknowns (level 2); `!` marks what is above them. Level 0 starts from rest, "
+    "with new factors in every iteration; the sums of the other levels contain the coarser meshes."
+)
 
 
 def ratios(timings: Mapping[str, float]) -> dict[str, float]:
@@ -161,6 +165,9 @@ def draw(rows: Sequence[Mapping[str, Any]], case: str) -> Figure:
             style = {"color": LINES[i % len(LINES)], "marker": MARKERS[i % len(MARKERS)]}
             axes.loglog(seconds, errors, label=label, linewidth=1.4, markersize=5, **style)
         axes.set_title(f"{case}, against {source.source}", loc="left", fontsize=11, color=INK)
+        axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        axes.xaxis.set_major_formatter("{x:g}")
+        axes.xaxis.set_minor_formatter(NullFormatter())
         axes.set_xlabel("seconds of the FreeFEM script, one thread", color=INK)
         axes.grid(True, which="both", color="#e3e6ea", linewidth=0.6)
         axes.tick_params(colors=INK, labelsize=9, width=0.6)

@@ -47,6 +47,20 @@ COMPONENTS = {"fluid": ("vx", "vy", "p"), "solid": ("ux", "uy"), "fsi": ("ux", "
 
 # Keys that are no numbers of the mathematics and stay in Python.
 PYTHON_ONLY = ("solver.time_limit",)
+# Last words of the keys whose values must be above zero: the scene says so too, but the script may be run without it.
+POSITIVE = (
+    "density",
+    "viscosity",
+    "length",
+    "height",
+    "width",
+    "radius",
+    "thickness",
+    "size",
+    "young_modulus",
+    "lame_mu",
+    "growth",
+)
 LIMITS: dict[str, tuple[float | int | None, float | int | None]] = {
     "mesh.level": (0, 4),
     "mesh.size_factor": (1e-3, 1e3),
@@ -82,6 +96,11 @@ class Parameter:
     def kind(self) -> int:
         """0: a change needs a new mesh; 1: can change between the points of one process."""
         return 0 if self.key.startswith(("geometry.", "mesh.", "solver.")) else 1
+
+    @property
+    def positive(self) -> bool:
+        """Whether the script accepts only values above zero."""
+        return self.key.endswith(POSITIVE)
 
     @property
     def minimum(self) -> float | int | None:
@@ -143,7 +162,7 @@ def _environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
         keep_trailing_newline=True,
-        autoescape=False,  # FreeFEM text, no HTML; every value that reaches it is a number or printed from a parsed tree
+        autoescape=False,  # FreeFEM text: what reaches it is a number or printed from a parsed tree
     )
 
 
@@ -177,10 +196,15 @@ def _context(scene: Scene, mumps: bool) -> dict[str, Any]:
         "velocity_labels": _labels(outline, "inlet", "no-slip", "clamped") if fluid else [],
         "walls": _labels(outline, "no-slip", "clamped"),
         "inflow_profile": scene.inflow.expression.to_freefem() if scene.inflow else "",
+        "hyperelastic_motion": _hyperelastic(scene),
         "do_nothing": scene.outlet is not None and scene.outlet.kind == "do-nothing",
         "momentum": ("vx", "vy") if fluid else ("ux", "uy"),
         **_jacobian(scene),
     }
+
+
+def _hyperelastic(scene: Scene) -> bool:
+    return scene.mesh_motion is not None and scene.mesh_motion.kind == "hyperelastic"
 
 
 def _labels(outline: list[Boundary], *roles: str) -> list[int]:
@@ -294,6 +318,10 @@ def _jacobian(scene: Scene) -> dict[str, Any]:
                     add(test, unknown, 1, f"c[{used}]*({_factor('a', derivative)}*{_factor('b', order)})")
                     used += 1
             slots.append(row)
+    if _hyperelastic(scene):
+        for m, (test, order) in enumerate((("ux", 1), ("ux", 2), ("uy", 1), ("uy", 2))):
+            for k, (_, unknown, derivative) in enumerate(SOLID_ARGUMENTS):
+                add(test, unknown, 1, f"motionC[{4 * m + k}]*({_factor('a', derivative)}*{_factor('b', order)})")
     tests = ("vx", "vx", "vy", "vy") if scene.fluid else ("ux", "ux", "uy", "uy")
     for region, solid in enumerate(scene.solid, start=2):
         for m, (test, order) in enumerate(zip(tests, (1, 2, 1, 2), strict=True)):

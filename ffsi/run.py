@@ -159,15 +159,14 @@ class _Point:
 
     @property
     def complete(self) -> bool:
-        return (self.directory / folder.numbered("point.json", self.number)).is_file() or self._failed() is not None
+        return self._solved() is not None or self._failed() is not None
 
     def collect(self, died: FreeFEMError | None) -> dict[str, Any]:
         """Read what FreeFEM wrote about this point, into the shape of `result.json`."""
-        own = self.directory / folder.numbered("point.json", self.number)
         state: str | None = None
-        failed = self._failed()
-        if own.is_file():
-            raw, failure, reason = folder.read_json(own), "", ""
+        solved, failed = self._solved(), self._failed()
+        if solved is not None:
+            raw, failure, reason = solved, "", ""
             state = folder.numbered("point.bin", self.number)
         elif failed is not None:
             raw, failure, reason = failed, "not-converged", str(failed.get("reason") or "not converged")
@@ -252,17 +251,27 @@ class _Point:
     def _file(self, name: str) -> Path:
         return self.directory / (name if self.alone else folder.numbered(name, self.number))
 
+    def _solved(self) -> dict[str, Any] | None:
+        return self._read(folder.numbered("point.json", self.number))
+
     def _failed(self) -> dict[str, Any] | None:
-        path = self.directory / folder.FAILED
+        data = self._read(folder.FAILED)
+        return data if data and int(data.get("point", 1)) == self.number else None
+
+    def _read(self, name: str) -> dict[str, Any] | None:
+        """Read a file of the script; None if it is missing, half written, or was cut off (a kill, a full disk)."""
+        path = self.directory / name
         if not path.is_file():
             return None
-        data = folder.read_json(path)
-        return data if int(data.get("point", 1)) == self.number else None
+        try:
+            return folder.read_json(path)
+        except InputError as error:
+            logger.warning("%s", error)
+            return None
 
     def _why_missing(self, died: FreeFEMError | None) -> tuple[str, str]:
-        path = self.directory / folder.FAILED
-        if path.is_file():
-            before = folder.read_json(path)
+        before = self._read(folder.FAILED)
+        if before:
             return (
                 "not-reached",
                 f"not reached: point {before.get('point')} of the chain failed ({before.get('reason')})",

@@ -36,7 +36,7 @@ def problem_from_scene(scene: Scene) -> Problem:
         },
         gravity=(scene.gravity.x, scene.gravity.y) if scene.gravity else (0.0, 0.0),
         outlet=scene.outlet.kind if scene.outlet else None,
-        mesh_motion=MeshMotion(motion.stiffness_exponent, motion.divergence_weight) if motion else None,
+        mesh_motion=MeshMotion(motion.stiffness_exponent, motion.divergence_weight, motion.kind) if motion else None,
         inflow_profile=inflow_profile if profile else None,
         mean_velocity=scene.inflow.mean_velocity if scene.inflow else None,
         reference_length=scene.forces.reference_length if scene.forces else None,

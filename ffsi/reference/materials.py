@@ -96,3 +96,53 @@ class StVenantKirchhoff(Material):
     def stiffness(self) -> float:
         """Return lambda + 2 mu."""
         return self.lame_lambda + 2.0 * self.lame_mu
+
+
+@dataclass(frozen=True)
+class PseudoSolid(Material):
+    """The fluid's mesh as a compressible neo-Hookean solid, W = (|F|^2 - 2)/2 - ln J + beta/2 (ln J)^2.
+
+    Shear modulus 1 and Lame constant ``beta``; the energy grows without bound as J = det F falls to zero. Since
+    dJ = cof F : dF, the derivative of ln J is cof F / J = F^-T, and the stress has the two parts F - F^-T and
+    beta ln J F^-T. The first is written ((J - 1) F + H - cof H) / J, because cof F = I + cof H in 2D: so small
+    displacement gradients H keep their digits, like those of J - 1 = tr H + det H. The volume's part, and with it the
+    whole stress, is not a number where J <= 0.
+    """
+
+    beta: float
+
+    def energy(self, gradient: Array) -> Array:
+        """Strain energy; |F|^2 - 2 = 2 tr H + H : H."""
+        log = np.log1p(_dilatation(gradient))
+        result: Array = trace(gradient) + 0.5 * double_dot(gradient, gradient) - log + 0.5 * self.beta * log**2
+        return result
+
+    def shape_stress(self, gradient: Array) -> Array:
+        """Part F - F^-T of the stress, (..., 2, 2)."""
+        dilatation = _dilatation(gradient)[..., None, None]
+        inner = dilatation * (IDENTITY + gradient) + gradient - cofactor(gradient)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            result: Array = inner / (1.0 + dilatation)
+        return result
+
+    def volume_stress(self, gradient: Array) -> Array:
+        """Part beta ln J F^-T of the stress, (..., 2, 2)."""
+        dilatation = _dilatation(gradient)[..., None, None]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            result: Array = self.beta * np.log1p(dilatation) / (1.0 + dilatation) * cofactor(IDENTITY + gradient)
+        return result
+
+    def first_piola(self, gradient: Array) -> Array:
+        """Sum of both parts."""
+        result: Array = self.shape_stress(gradient) + self.volume_stress(gradient)
+        return result
+
+    @property
+    def stiffness(self) -> float:
+        """Return beta + 2."""
+        return self.beta + 2.0
+
+
+def _dilatation(gradient: Array) -> Array:
+    """J - 1 of the displacement gradient (..., 2, 2), (...)."""
+    return trace(gradient) + determinant(gradient)

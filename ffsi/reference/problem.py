@@ -9,6 +9,7 @@ from ffsi.reference.materials import Material
 
 Role = Literal["inlet", "outlet", "no-slip", "interface", "clamped", "free"]
 OutletKind = Literal["do-nothing", "zero-traction"]
+MotionKind = Literal["harmonic", "hyperelastic"]
 FLUID_REGION = 1
 
 
@@ -30,10 +31,14 @@ class Solid:
 
 @dataclass(frozen=True)
 class MeshMotion:
-    """Mesh motion in the fluid: exponent m of the stiffness (A_max/A_K)^m and weight beta of the divergence term."""
+    """Mesh motion in the fluid: exponent m of the stiffness (A_max/A_K)^m, weight beta of the volume, and the equation.
+
+    ``divergence_weight`` multiplies div u in the harmonic and ln J in the hyperelastic equation.
+    """
 
     stiffness_exponent: float
     divergence_weight: float
+    kind: MotionKind = "harmonic"
 
 
 @dataclass(frozen=True)
@@ -80,6 +85,8 @@ class Problem:
             raise ValueError(f"{self.name}: an inlet but no inflow profile")
         if "outlet" in roles and self.outlet not in get_args(OutletKind):
             raise ValueError(f"{self.name}: outlet kind {self.outlet!r}, accepted: {get_args(OutletKind)}")
+        if self.mesh_motion is not None and self.mesh_motion.kind not in get_args(MotionKind):
+            raise ValueError(f"{self.name}: mesh motion {self.mesh_motion.kind!r}, accepted: {get_args(MotionKind)}")
         labels = [boundary.label for boundary in self.boundaries]
         if len(set(labels)) != len(labels):
             raise ValueError(f"{self.name}: two boundaries have the same label, {sorted(labels)}")

@@ -1,5 +1,6 @@
 """Assembled residuals of a state, term by term, and their relative size per equation."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -43,8 +44,13 @@ class Equation:
 
     @property
     def relative(self) -> float:
-        """The l2 norm of the residual over the rows divided by the scale; 0 if every term is zero."""
+        """The l2 norm of the residual over the rows divided by the scale; 0 if every term is zero.
+
+        Infinite if the residual is not a finite number.
+        """
         norm = float(np.linalg.norm(self.residual[self.rows]))
+        if not math.isfinite(norm):
+            return math.inf
         return norm / self.scale if norm > 0.0 else 0.0
 
 

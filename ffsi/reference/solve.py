@@ -69,11 +69,13 @@ def solve(
     """Solve the steady system from rest, or from ``start``, with the prescribed values imposed.
 
     ``tolerance`` bounds the relative residual of every equation. A step is halved until no triangle is turned inside
-    out. Raises ``ConvergenceError`` after ``max_iterations`` corrections, for a singular Jacobian, or if no step is
-    short enough.
+    out. Raises ``ConvergenceError`` after ``max_iterations`` corrections, for a singular Jacobian, if no step is short
+    enough, or if the start has a triangle inside out.
     """
     state = _impose(system.rows, start) if start else system.rows.prescribed
     residual = compute_residual(system, state)
+    if not residual.min_jacobian > 0.0:
+        raise ConvergenceError(f"{system.problem.name}: the start turns a triangle inside out")
     residuals = [max(residual.relative.values())]
     corrections: list[float] = []
     steps: list[float] = []

@@ -11,7 +11,7 @@ import numpy as np
 
 from ffsi.rawfiles import Floats
 from ffsi.reference.elements import Elements, gauss_rule, line_basis
-from ffsi.reference.materials import IDENTITY, Array, cofactor, determinant, trace, transpose
+from ffsi.reference.materials import IDENTITY, Array, PseudoSolid, cofactor, determinant, trace, transpose
 from ffsi.reference.problem import Fluid, MeshMotion, Solid
 
 Vector = tuple[float, float]
@@ -94,19 +94,22 @@ def continuity(elements: Elements, flow: Flow) -> dict[str, Array]:
 
 
 def mesh_motion(motion: MeshMotion, alpha: Floats, elements: Elements, u: Array) -> dict[str, Array]:
-    """Terms of the mesh motion, (n, 6, 2): the derivatives by x, those by y, and the divergence term.
+    """Terms of the mesh motion, (n, 6, 2), with the stiffness ``alpha`` (n,) of the triangles.
 
-    They are split by derivative and not by component: without the divergence term each component is an equation of
-    its own, so its whole term vanishes at the solution and would be no scale.
+    harmonic: the derivatives by x, those by y, and the divergence term. They are split by derivative and not by
+    component: without the divergence term each component is an equation of its own, so its whole term vanishes at the
+    solution and would be no scale. hyperelastic: the two parts of the pseudo-solid's stress, ``shape`` F - F^-T and
+    ``volume`` beta ln J F^-T, not a number where J <= 0.
     """
-    flux = gradient_of(u, elements.gradients) * alpha[:, None, None, None]
-    along_x, along_y = flux * np.array([1.0, 0.0]), flux * np.array([0.0, 1.0])
-    divergence = motion.divergence_weight * trace(flux)[..., None, None] * IDENTITY
-    return {
-        "d/dx": against_gradient(along_x, elements),
-        "d/dy": against_gradient(along_y, elements),
-        "divergence": against_gradient(divergence, elements),
-    }
+    gradient, stiffness = gradient_of(u, elements.gradients), alpha[:, None, None, None]
+    if motion.kind == "hyperelastic":
+        solid = PseudoSolid(motion.divergence_weight)
+        fluxes = {"shape": solid.shape_stress(gradient), "volume": solid.volume_stress(gradient)}
+    else:
+        divergence = motion.divergence_weight * trace(gradient)[..., None, None] * IDENTITY
+        along_x, along_y = gradient * np.array([1.0, 0.0]), gradient * np.array([0.0, 1.0])
+        fluxes = {"d/dx": along_x, "d/dy": along_y, "divergence": divergence}
+    return {name: against_gradient(stiffness * flux, elements) for name, flux in fluxes.items()}
 
 
 def solid_momentum(solid: Solid, gravity: Vector, elements: Elements, u: Array) -> dict[str, Array]:

@@ -8,7 +8,7 @@ from ffsi.scene.materials import Fluid, StVenantKirchhoff
 from ffsi.scene.model import Scene
 from ffsi.scene.numerics import Mesh, MeshMotion
 
-# Element sizes at level 0 where the geometry's defaults are not the best: a flow needs the wake, a beam alone only its corners.
+# Element sizes at level 0 where the geometry's defaults are not the best: a flow needs the wake, a beam its corners.
 FLOW_MESH = Mesh(growth=0.4, far_size=0.05, body_size=0.012, corner_size=0.0025)
 CYLINDER_MESH = Mesh(growth=0.4, far_size=0.05, body_size=0.008, corner_size=0.0025)
 BEAM_MESH = Mesh(growth=0.5, far_size=0.09, body_size=0.012, corner_size=0.001)
@@ -27,7 +27,7 @@ def flap(name: str, description: str, solid: StVenantKirchhoff) -> Scene:
         fluid=Fluid(density=1.0, viscosity=1e-3),
         solid={"flap": solid},
         # The mesh must follow a tip that moves by two thirds of the flap's height.
-        mesh_motion=MeshMotion(stiffness_exponent=2.0, divergence_weight=10.0),
+        mesh_motion=MeshMotion(kind="hyperelastic", stiffness_exponent=1.0, divergence_weight=5.0),
         inflow=Inflow(mean_velocity=0.12),
         outlet=DO_NOTHING,
         forces=Forces(reference_length=0.2),

@@ -27,13 +27,22 @@ class Mesh(Table):
 
 
 class MeshMotion(Table):
-    """How the fluid mesh follows the solid: int alpha (grad u : grad z + beta div u div z) = 0."""
+    """How the fluid mesh follows the solid: int alpha P : grad z = 0, with P by kind.
 
-    kind: Literal["harmonic"] = Field("harmonic", description='equation of the mesh motion: "harmonic"')
+    harmonic: P = grad u + beta div u I; hyperelastic: P = F - F^-T + beta ln J F^-T, the stress of a neo-Hookean
+    pseudo-solid, which resists ever more as J = det F falls.
+    """
+
+    kind: Literal["harmonic", "hyperelastic"] = Field(
+        "harmonic",
+        description='equation of the mesh motion: "harmonic" (linear) or "hyperelastic" (for large displacements)',
+    )
     stiffness_exponent: NonNegativeNumber = Field(
         1.0, description="exponent m of alpha = (largest area / area)^m, dimensionless"
     )
-    divergence_weight: NonNegativeNumber = Field(1.0, description="weight beta of the divergence, dimensionless")
+    divergence_weight: NonNegativeNumber = Field(
+        1.0, description="weight beta of div u (harmonic) or of ln J (hyperelastic), dimensionless"
+    )
 
 
 class Solver(Table):

@@ -72,7 +72,7 @@ def test_numbers_given_as_flags(freefem, tmp_path):
     assert done.returncode == 0
     scene = scene_of("turek-csm2", "gravity.y=-1", "solid.beam.lame_mu=4e6")
     assert check_run(tmp_path, scene).passed
-    with pytest.raises(ValueError, match=r"gravity\.y"):
+    with pytest.raises(ValueError, match="the run used"):
         check_run(tmp_path, scene_of("turek-csm2"))
 
 
@@ -103,7 +103,7 @@ def test_every_parameter_of_a_point_counts(freefem, tmp_path, case, settings):
         points.append(points[-1] | {key: 0.9 * value})
     lines = [str(len(values)), *(key.replace(".", "_") for key in values), str(len(points))]
     lines += [" ".join(map(repr, point.values())) for point in points]
-    (tmp_path / "points.txt").write_text("\n".join(lines))
+    (tmp_path / "points.txt").write_text("\n".join(lines) + "\n")
     script = tmp_path / "case.edp"
     script.write_text(render(scene))
     done = freefem(script, "-mesh_level", 0, "-points", "points.txt", cwd=tmp_path)

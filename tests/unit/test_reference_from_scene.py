@@ -46,9 +46,15 @@ def test_values_reach_their_places():
     }
     problem = problem_from_scene(with_values(CASES["flap-svk"], changes | {"mesh_motion.divergence_weight": 0.3}))
     assert problem.gravity == (0.5, -2.0)
-    assert problem.mesh_motion == MeshMotion(1.7, 0.3)
+    assert problem.mesh_motion == MeshMotion(1.7, 0.3, "hyperelastic")
     assert problem.outlet == "zero-traction"
     assert problem.solids == {2: Solid(1.0, StVenantKirchhoff(8.0, 2.0))}
+
+
+@pytest.mark.parametrize("kind", ["harmonic", "hyperelastic"])
+def test_kind_of_mesh_motion_reaches_the_problem(kind):
+    problem = problem_from_scene(with_values(CASES["turek-fsi1"], {"mesh_motion.kind": kind}))
+    assert problem.mesh_motion == MeshMotion(1.0, 1.0, kind)
 
 
 def test_uniform_profile_has_a_value_per_node():

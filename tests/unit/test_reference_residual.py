@@ -145,6 +145,83 @@ def test_harmonic_mesh_motion_without_divergence_has_a_scale():
     assert relative(problem, mesh, state)["mesh_motion"] > 0.1
 
 
+def graded_flap_mesh():
+    mesh = flap_mesh(4)
+    return dataclasses.replace(mesh, vertices=mesh.vertices + _wiggle(mesh.vertices))
+
+
+def test_hyperelastic_mesh_motion_is_the_derivative_of_its_energy():
+    # The energy by its definition and its derivative by a complex step: neither knows the stress.
+    exponent, weight = 1.5, 0.7
+    problem, mesh = flap_problem(mesh_motion=MeshMotion(exponent, weight, "hyperelastic")), graded_flap_mesh()
+    system, rng = System.build(problem, mesh), np.random.default_rng(6)
+    state = state_of(mesh, u=lambda x: 0.008 * rng.normal(size=x.shape))
+    residual = compute_residual(system, state)
+    assert 0.1 < residual.min_jacobian < 0.9
+    elements, area = system.fluid.elements, areas(mesh)[mesh.region == 1]
+    alpha = (area.max() / area) ** exponent
+
+    def energy(u):
+        f = np.eye(2) + np.einsum("tai,tqaj->tqij", u[elements.nodes], elements.gradients)
+        log = np.log(f[..., 0, 0] * f[..., 1, 1] - f[..., 0, 1] * f[..., 1, 0])
+        density = 0.5 * ((f**2).sum(axis=(2, 3)) - 2.0) - log + 0.5 * weight * log**2
+        return (alpha[:, None] * elements.weights * density).sum()
+
+    rows = residual.equations["mesh_motion"].residual
+    for _ in range(5):
+        direction = rng.normal(size=state.u.shape)
+        expected = energy(state.u + 1e-30j * direction).imag / 1e-30
+        assert (rows * direction).sum() == pytest.approx(expected, rel=1e-12)
+
+
+def test_hyperelastic_mesh_motion_is_free_of_stress_where_the_mesh_moves_rigidly():
+    mesh, problem = graded_flap_mesh(), flap_problem(mesh_motion=MeshMotion(1.0, 0.7, "hyperelastic"))
+    for state in (
+        state_of(mesh, u=lambda x: 0 * x + np.array([0.3, -0.2])),
+        state_of(mesh, u=lambda x: x @ (ROTATION - np.eye(2)).T + np.array([0.3, -0.2])),
+    ):
+        equation = compute_residual(System.build(problem, mesh), state).equations["mesh_motion"]
+        for term in equation.terms.values():
+            np.testing.assert_allclose(term, 0.0, atol=1e-14)
+    # The linear equation is not: a rotation by a finite angle strains it.
+    assert relative(flap_problem(), mesh, state)["mesh_motion"] > 1e-3
+
+
+def test_hyperelastic_mesh_motion_is_linear_elasticity_for_small_displacements():
+    weight, mesh = 0.7, graded_flap_mesh()
+    rng, size = np.random.default_rng(7), 1e-8
+    state = state_of(mesh, u=lambda x: size * rng.normal(size=x.shape))
+    system = System.build(flap_problem(mesh_motion=MeshMotion(1.0, weight, "hyperelastic")), mesh)
+    rows = compute_residual(system, state).equations["mesh_motion"].residual
+    elements = system.fluid.elements
+    gradient = np.einsum("tai,tqaj->tqij", state.u[elements.nodes], elements.gradients)
+    divergence = np.trace(gradient, axis1=2, axis2=3)[..., None, None]
+    hooke = gradient + gradient.swapaxes(2, 3) + weight * divergence * np.eye(2)
+    weights = elements.weights * (elements.area.max() / elements.area)[:, None]
+    expected = np.zeros_like(rows)
+    np.add.at(expected, elements.nodes, np.einsum("tq,tqij,tqaj->tai", weights, hooke, elements.gradients))
+    np.testing.assert_allclose(rows, expected, rtol=0, atol=1e-5 * np.abs(expected).max())
+
+
+def test_hyperelastic_mesh_motion_is_scaled_by_the_larger_of_its_two_terms():
+    mesh, problem = flap_mesh(4), flap_problem(mesh_motion=MeshMotion(1.0, 0.7, "hyperelastic"))
+    state = state_of(mesh, u=lambda x: 0.05 * np.sin(3.0 * x[:, ::-1]) * x)
+    equation = compute_residual(System.build(problem, mesh), state).equations["mesh_motion"]
+    assert equation.terms.keys() == {"shape", "volume"}
+    norms = {name: np.linalg.norm(term[equation.rows]) for name, term in equation.terms.items()}
+    assert equation.scale == max(norms.values())
+    whole = np.linalg.norm((equation.terms["shape"] + equation.terms["volume"])[equation.rows])
+    assert equation.relative == pytest.approx(whole / max(norms.values()), rel=1e-14)
+
+
+def test_residual_that_is_no_number_is_infinite():
+    mesh, problem = flap_mesh(4), flap_problem(mesh_motion=MeshMotion(1.0, 0.7, "hyperelastic"))
+    state = state_of(mesh, u=lambda x: x * np.array([-1.5, 0.0]))
+    assert relative(problem, mesh, state)["mesh_motion"] == np.inf
+    state = state_of(mesh, p=lambda x: np.full(len(x), np.nan))
+    assert relative(problem, mesh, state)["momentum"] == np.inf
+
+
 def test_homogeneous_strain_of_a_solid_loads_its_sides_with_the_stress():
     problem, mesh = cantilever_problem(gravity=(0.0, 0.0)), channel_mesh(region=2)
     gradient = np.array([[0.1, 0.3], [-0.2, 0.15]])
@@ -253,6 +330,7 @@ def test_wrong_meshes_are_refused():
         (dict(mesh_motion=None), "fluid and solid together need a mesh motion"),
         (dict(inflow_profile=None), "an inlet but no inflow profile"),
         (dict(outlet="open"), "outlet kind 'open', accepted"),
+        (dict(mesh_motion=MeshMotion(1.0, 1.0, "elastic")), "mesh motion 'elastic', accepted"),
         (dict(solids={1: flap_problem().solids[2]}), "solid in region 1, solids start at 2"),
         (dict(boundaries=(Boundary("a", 3, "wall"),)), r"unknown boundary role \['wall'\]"),
         (dict(boundaries=(Boundary("a", 3, "free"), Boundary("b", 3, "free"))), "two boundaries have the same label"),

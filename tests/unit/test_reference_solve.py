@@ -35,15 +35,18 @@ CANTILEVER_ITERATIONS = 6
 METHODS = ["complex-step", "divided-difference"]
 
 
-@pytest.fixture(scope="module")
-def random_flap():
+KINDS = ["harmonic", "hyperelastic"]
+
+
+@pytest.fixture(scope="module", params=KINDS)
+def random_flap(request):
     mesh, rng = flap_mesh(4), np.random.default_rng(4)
     state = RawState(
         u=0.005 * rng.normal(size=(mesh.n_p2, 2)),
         v=rng.normal(size=(mesh.n_p2, 2)),
         p=rng.normal(size=len(mesh.vertices)),
     )
-    system = System.build(flap_problem(mesh_motion=MeshMotion(1.5, 0.6)), mesh)
+    system = System.build(flap_problem(mesh_motion=MeshMotion(1.5, 0.6, request.param)), mesh)
     assert compute_residual(system, state).min_jacobian > 0.1
     return system, state
 
@@ -98,9 +101,11 @@ def test_zero_traction_outlet_bends_the_poiseuille_flow():
     assert np.abs(solution.state.v[:, 1]).max() > 1e-2 * MEAN_VELOCITY
 
 
+@pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("method", METHODS)
-def test_flap_converges_quadratically(method):
-    solution = solve(System.build(flap_problem(), flap_mesh()), method, tolerance=1e-10)
+def test_flap_converges_quadratically(method, kind):
+    problem = flap_problem(mesh_motion=MeshMotion(1.0, 1.0, kind))
+    solution = solve(System.build(problem, flap_mesh()), method, tolerance=1e-10)
     assert len(solution.steps) == FLAP_ITERATIONS
     assert solution.steps == [1.0] * FLAP_ITERATIONS
     assert np.abs(solution.state.u).max() > 0.05
@@ -156,6 +161,24 @@ def test_step_is_halved_until_no_triangle_is_inverted():
     assert residual.min_jacobian == pytest.approx(1.0 - 2.5 / 4, rel=1e-13)
     with pytest.raises(ConvergenceError, match="every step turns a triangle inside out"):
         damped_step(system, rest, RawState(1e4 * squeeze.u, squeeze.v, squeeze.p))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_start_with_an_inverted_triangle_is_an_error(kind):
+    system = System.build(flap_problem(mesh_motion=MeshMotion(1.0, 1.0, kind)), flap_mesh(4))
+    start = state_of(system.mesh)
+    start.u[np.flatnonzero(system.rows.mesh_motion)[0]] += 1.0
+    with pytest.raises(ConvergenceError, match="the start turns a triangle inside out"):
+        solve(system, start=start)
+
+
+def test_hyperelastic_mesh_refuses_a_step_that_inverts_it():
+    system = System.build(flap_problem(mesh_motion=MeshMotion(1.0, 1.0, "hyperelastic")), flap_mesh(4))
+    squeeze = state_of(system.mesh, u=lambda x: -2.5 * x * np.array([1.0, 0.0]))
+    _, residual, step = damped_step(system, state_of(system.mesh), squeeze)
+    assert step == 0.25
+    assert residual.min_jacobian == pytest.approx(1.0 - 2.5 / 4, rel=1e-13)
+    assert np.isfinite(max(residual.relative.values()))
 
 
 def test_start_near_the_solution_saves_iterations():

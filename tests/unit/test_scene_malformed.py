@@ -25,6 +25,7 @@ OVERRIDES = [
     ("flap-svk", "fluid.law=newtonain", ['fluid.law = "newtonain":', 'mean "newtonian"']),
     ("flap-svk", "solid.flap.material=st-venant-kirchof", ["solid.flap.material =", 'mean "st-venant-kirchhoff"']),
     ("flap-svk", "mesh_motion.kind=harmonik", ["mesh_motion.kind =", 'mean "harmonic"']),
+    ("turek-fsi1", "mesh_motion.kind=hyperelastc", ["mesh_motion.kind =", '"harmonic"', 'mean "hyperelastic"']),
     ("flap-svk", "outlet.kind=do_nothing", ["outlet.kind =", '"zero-traction"', 'mean "do-nothing"']),
     ("flap-svk", "solver.jacobian=exact", ['solver.jacobian = "exact":', '"divided-difference"']),
     ("flap-svk", "solver.start=corse", ["solver.start =", '"coarse", "rest"', 'mean "coarse"']),

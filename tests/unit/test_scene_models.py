@@ -236,6 +236,22 @@ def test_beam_can_be_made_elastic() -> None:
     assert scene.mesh_motion is not None
 
 
+def test_mesh_motion_has_two_kinds() -> None:
+    def kind(scene: Scene) -> str:
+        assert scene.mesh_motion is not None
+        return scene.mesh_motion.kind
+
+    kinds = {name: kind(scene) for name, scene in CASES.items() if scene.physics == "fsi"}
+    assert kinds == {"flap-svk": "hyperelastic", "turek-fsi1": "harmonic", "cavity-flexible-floor": "harmonic"}
+    for name in ("harmonic", "hyperelastic"):
+        scene = load_scene("turek-fsi1", [f"mesh_motion.kind={name}"])
+        assert kind(scene) == name
+        assert Scene.from_toml(scene.to_toml()) == scene
+    assert kind(load_scene("turek-cfd1", [
+        'solid.beam={material="st-venant-kirchhoff", density=1000, lame_mu=5e5, poisson_ratio=0.4}'
+    ])) == "harmonic"  # fmt: skip
+
+
 def test_with_values_does_not_touch_its_arguments() -> None:
     beam = {"length": 0.3}
     scene = with_values(CASES["cylinder-2d1"], {"geometry.beam": beam, "geometry.beam.thickness": 0.01})

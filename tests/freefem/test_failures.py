@@ -1,0 +1,252 @@
+"""What remains when a run ends badly, and the exit codes of the command line."""
+
+import errno
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from conftest import scene_of
+
+from ffsi.freefem import FreeFEMError
+from ffsi.rawfiles import RawState, read_mesh, read_state, write_state
+from ffsi.result import load_result
+from ffsi.run import solve
+
+COMMAND = [sys.executable, "-c", "from ffsi.cli import main; main()"]
+LEVEL_0 = ["--set", "mesh.level=0"]
+PLAIN = ["--set", "output.pictures=false", "--set", "output.vtu=false"]
+VELOCITIES = [round(0.012 * i, 3) for i in range(1, 11)]
+
+# /work/shared/design.md, section 4: the keys that other programs rely on.
+CONTRACT = {
+    "": [
+        *("case", "status", "reason", "unknowns", "triangles", "level", "quantities", "newton", "timings", "check"),
+        *("freefem", "parameters"),
+    ],
+    "quantities": [
+        *("drag", "lift", "drag_coefficient", "lift_coefficient", "tip_ux", "tip_uy", "pressure_drop"),
+        "min_jacobian",
+    ],
+    "newton": ["iterations", "factorizations"],
+    "timings": [
+        *("mesh", "operators", "residual", "jacobian", "factorize", "solve", "output", "check", "total"),
+        *("one_factorization", "one_solve", "one_residual", "one_jacobian"),
+    ],
+    "check": ["momentum", "continuity", "kinematics", "mesh_motion", "drag_difference", "lift_difference"],
+    "freefem": ["version", "solver"],
+}
+
+
+def ffsi(*arguments: object, cwd: Path, **environment: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [*COMMAND, *map(str, arguments)],
+        cwd=cwd, env={**os.environ, **environment}, capture_output=True, text=True, timeout=120, check=False,
+    )  # fmt: skip
+
+
+# The contract --------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def run_as_json(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("json")
+    return ffsi("run", "turek-fsi1", *LEVEL_0, "--json", cwd=folder), folder / "runs" / "turek-fsi1"
+
+
+def test_json_is_alone_and_valid(run_as_json):
+    done, folder = run_as_json
+    assert done.returncode == 0
+    assert done.stdout.startswith("{") and done.stdout.endswith("}\n")
+
+    def refuse(name: str) -> None:
+        raise AssertionError(f"{name} is no JSON")
+
+    data = json.loads(done.stdout, parse_constant=refuse)
+    assert data == json.loads((folder / "result.json").read_text())
+
+
+@pytest.mark.parametrize("table", CONTRACT)
+def test_every_name_of_the_contract_is_there(run_as_json, table):
+    data = json.loads(run_as_json[0].stdout)
+    values = data[table] if table else data
+    assert [name for name in CONTRACT[table] if values.get(name) is None] == []
+
+
+def test_what_the_names_hold(run_as_json):
+    data = json.loads(run_as_json[0].stdout)
+    assert (data["case"], data["status"], data["reason"], data["level"]) == ("turek-fsi1", "converged", "", 0)
+    timings = data["timings"]
+    assert all(value >= 0 for value in timings.values())
+    parts = [timings[name] for name in ("mesh", "operators", "residual", "jacobian", "factorize", "solve", "check")]
+    assert sum(parts) < timings["total"]
+    assert data["parameters"]["inflow.mean_velocity"] == 0.2
+    assert data["freefem"]["solver"] == "MUMPS"
+
+
+def test_the_run_folder_is_complete(run_as_json):
+    names = {path.name for path in run_as_json[1].iterdir()}
+    assert names == {
+        *("case.edp", "scene.toml", "freefem.log", "result.json", "mesh.bin", "newton.csv", "fields.vtu"),
+        *("point-0001.bin", "point-0001.json", "velocity.png", "pressure.png", "displacement.png"),
+    }
+    assert all((run_as_json[1] / name).stat().st_size > 0 for name in names)
+
+
+# Exit codes ----------------------------------------------------------------------------------------------------------
+
+
+def test_0_without_json_is_for_people(tmp_path):
+    done = ffsi("run", "turek-csm2", *LEVEL_0, *PLAIN, "--out", "here", cwd=tmp_path)
+    assert done.returncode == 0
+    assert "tip_uy" in done.stdout and "check: passed" in done.stdout
+    assert [path.name for path in tmp_path.iterdir()] == ["here"]
+
+
+@pytest.mark.parametrize("verb", ["run", "check"])
+def test_1_the_check_failed(run_as_json, tmp_path, verb):
+    if verb == "run":
+        pytest.skip("a real FreeFEM computes nothing wrong on request; see test_cli.py")
+    folder = tmp_path / "run"
+    shutil.copytree(run_as_json[1], folder)
+    assert ffsi("check", folder, cwd=tmp_path).returncode == 0
+    mesh = read_mesh(folder / "mesh.bin")
+    state = read_state(folder / "point-0001.bin", mesh)
+    write_state(folder / "point-0001.bin", RawState(state.u, 1.001 * state.v, state.p))
+    done = ffsi("check", folder, cwd=tmp_path)
+    assert done.returncode == 1
+    assert "momentum" in done.stderr
+
+
+def test_2_bad_input(tmp_path):
+    done = ffsi("run", "turek-fsi1", "--set", "mesh.levle=0", "--json", cwd=tmp_path)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert 'did you mean "mesh.level"?' in done.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_3_not_converged(tmp_path):
+    words = ["run", "turek-fsi1", *LEVEL_0, *PLAIN, "--set", "solver.max_iterations=1", "--json", "--out", "r"]
+    done = ffsi(*words, cwd=tmp_path)
+    assert done.returncode == 3
+    data = json.loads(done.stdout)
+    assert (data["status"], data["failure"], data["state"]) == ("failed", "not-converged", "failed.bin")
+    assert "solver.max_iterations" in data["reason"]
+    assert data["reason"] in done.stderr
+    assert load_result(tmp_path / "r").fields is not None
+
+
+def test_4_without_freefem(tmp_path):
+    done = ffsi("run", "turek-fsi1", *LEVEL_0, cwd=tmp_path, FFSI_FREEFEM="/nonexistent")
+    assert (done.returncode, done.stdout) == (4, "")
+    assert "FFSI_FREEFEM=/nonexistent is no executable file" in done.stderr
+    assert "apt-get install" in done.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_4_without_the_plugins(tmp_path):
+    done = ffsi("run", "turek-fsi1", *LEVEL_0, cwd=tmp_path, FF_LOADPATH=str(tmp_path))
+    assert done.returncode == 4
+    assert "Element_QF.so" in done.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+# Cut off -------------------------------------------------------------------------------------------------------------
+
+
+def test_the_time_limit(tmp_path):
+    begin = time.monotonic()
+    with pytest.raises(FreeFEMError) as caught:
+        solve(scene_of("turek-fsi1", "mesh.level=4", "solver.time_limit=1"), tmp_path / "run")
+    assert time.monotonic() - begin < 10
+    assert caught.value.kind == "time-limit"
+    result = load_result(tmp_path / "run")
+    assert (result.status, result.failure) == ("failed", "crash")
+    assert "1 s" in result.reason
+
+
+def wait_for(path: Path, process: subprocess.Popen[bytes]) -> None:
+    deadline = time.monotonic() + 60
+    while not path.is_file():
+        assert process.poll() is None, "the sweep ended before it could be killed"
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+
+
+def freefem_in(folder: Path) -> list[int]:
+    """Processes that work for a folder."""
+    found = []
+    for path in Path("/proc").glob("[0-9]*/cmdline"):
+        try:
+            words = path.read_bytes().split(b"\0")
+        except OSError:
+            continue
+        if os.fsencode(folder) in b" ".join(words) and b"FreeFem" in words[0]:
+            found.append(int(path.parent.name))
+    return found
+
+
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT], ids=lambda how: how.name)
+def test_a_killed_sweep_keeps_its_points_and_goes_on(tmp_path, how):
+    out = tmp_path / "sweep"
+    vary = f"inflow.mean_velocity={VELOCITIES[0]}:{VELOCITIES[-1]}:{VELOCITIES[0]}"
+    words = ["sweep", "flap-svk", *LEVEL_0, *PLAIN, "--vary", vary, "--out", str(out)]
+    process = subprocess.Popen([*COMMAND, *words], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    first = out / "chain-001"
+    try:
+        wait_for(first / "point-0004.json", process)
+        process.send_signal(how)
+        assert process.wait(timeout=30) != 0
+    finally:
+        process.kill()
+    deadline = time.monotonic() + 5
+    while freefem_in(out) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert freefem_in(out) == []
+    kept = {path.name: path.stat().st_mtime_ns for path in first.glob("point-*.json")}
+    assert 4 <= len(kept) < 10
+
+    done = ffsi(*words, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    table = pd.read_csv(out / "sweep.csv")
+    assert table["inflow.mean_velocity"].tolist() == VELOCITIES
+    assert (table["status"] == "converged").all()
+    assert (table["check_maximum"] < 1e-8).all()
+    assert (table["tip_ux"].diff().dropna() > 0).all()
+    assert {path.name: path.stat().st_mtime_ns for path in first.glob("point-*.json")} == kept
+    # The last one may have been cut off while it was written.
+    assert (table["folder"] == "chain-001").sum() in (len(kept), len(kept) - 1)
+    assert set(table["folder"]) == {"chain-001", "chain-002"}
+
+
+@pytest.fixture
+def small_disk(tmp_path):
+    """A file system of 200 kB: the script and the mesh fit, the unknowns do not."""
+    folder = tmp_path / "disk"
+    folder.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", "size=200k", "tmpfs", str(folder)]
+    try:
+        subprocess.run(mount, check=True, capture_output=True)
+    except (OSError, subprocess.CalledProcessError):
+        pytest.skip("no right to mount a small file system")
+    yield folder
+    subprocess.run(["umount", str(folder)], check=True)
+
+
+def test_a_full_disk_is_named(small_disk):
+    out = small_disk / "run"
+    try:
+        result = solve(scene_of("turek-fsi1"), out)
+    except FreeFEMError as error:
+        assert error.kind == "disk-full"
+        assert str(out) in error.message
+    except OSError as error:
+        assert error.errno == errno.ENOSPC
+    else:
+        raise AssertionError(f"{result.status}: {result.reason}")
