@@ -102,8 +102,8 @@ def test_a_strong_flow_needs_shortened_steps(solved):
 
 
 def test_steps_with_a_too_small_jacobian_are_refused(solved):
-    """With harmonic mesh motion J falls to 0.4 in the fluid: with a limit above it no state beyond it may be accepted."""
-    harmonic = ("mesh_motion.kind=harmonic", "mesh_motion.stiffness_exponent=2", "mesh_motion.divergence_weight=10")
+    """With harmonic mesh motion J falls to 0.4 in the fluid: a limit above it lets no such state pass."""
+    harmonic = [f"mesh_motion.{value}" for value in ("kind=harmonic", "stiffness_exponent=2", "divergence_weight=10")]
     usual = solved("flap-svk", *harmonic)
     assert usual.quantities["min_jacobian"] < LIMIT - 0.05
     result = solved("flap-svk", *harmonic, f"solver.minimum_jacobian={LIMIT - 1e-9}")
