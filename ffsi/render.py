@@ -15,6 +15,7 @@ from typing import Any
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from ffsi.scene import Boundary, Scene, boundaries
+from ffsi.scene.materials import CompressibleElastic
 
 # Arguments of the fluxes: name, unknown, derivative (0 value, 1 d/dx, 2 d/dy).
 FLUID_ARGUMENTS = (
@@ -217,16 +218,18 @@ def _regions(scene: Scene) -> list[tuple[int, str]]:
 
 def _solid(scene: Scene, name: str, region: int) -> dict[str, Any]:
     law = scene.solid[name]
-    lame_lambda, lame_mu = _lame_code(f"solid{name.capitalize()}", law.elastic_pair)
-    return {
+    prefix = f"solid{name.capitalize()}"
+    solid = {
         "name": name,
         "title": name.capitalize(),
+        "prefix": prefix,
         "region": region,
         "material": law.material,
-        "density": f"solid{name.capitalize()}Density",
-        "lame_lambda": lame_lambda,
-        "lame_mu": lame_mu,
+        "density": f"{prefix}Density",
     }
+    if isinstance(law, CompressibleElastic):
+        solid["lame_lambda"], solid["lame_mu"] = _lame_code(prefix, law.elastic_pair)
+    return solid
 
 
 def _lame_code(prefix: str, pair: tuple[str, str]) -> tuple[str, str]:

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from ffsi.rawfiles import Floats
-from ffsi.reference.materials import Material, StVenantKirchhoff
+from ffsi.reference.materials import Material, MooneyRivlin, NeoHookean, StVenantKirchhoff
 from ffsi.reference.problem import FLUID_REGION, Boundary, Fluid, MeshMotion, Problem, Solid
 from ffsi.scene import Scene, boundaries
 
@@ -46,6 +46,10 @@ def problem_from_scene(scene: Scene) -> Problem:
 def _material(name: str, solid: Any) -> Material:
     if solid.material == "st-venant-kirchhoff":
         return StVenantKirchhoff(*solid.lame)
+    if solid.material == "neo-hookean":
+        return NeoHookean(*solid.lame)
+    if solid.material == "mooney-rivlin":
+        return MooneyRivlin(solid.c10, solid.c01, solid.bulk_modulus)
     raise ValueError(f"solid.{name}: the reference checker does not know the material {solid.material!r}")
 
 

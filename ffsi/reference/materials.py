@@ -99,37 +99,110 @@ class StVenantKirchhoff(Material):
 
 
 @dataclass(frozen=True)
+class NeoHookean(Material):
+    """Compressible neo-Hookean solid in plane strain, W = mu/2 (I1 - 3 - 2 ln J) + lambda/2 (ln J)^2.
+
+    C33 = 1 makes I1 - 3 = |F|^2 - 2. Its derivative is 2 F and that of ln J is F^-T, so P = mu (F - F^-T) +
+    lambda ln J F^-T. Not a number where J <= 0.
+    """
+
+    lame_lambda: float
+    lame_mu: float
+
+    def energy(self, gradient: Array) -> Array:
+        """Strain energy from I1 - 3 and ln J."""
+        log = _log_jacobian(gradient)
+        result: Array = self.lame_mu * (0.5 * _first_invariant(gradient) - log) + 0.5 * self.lame_lambda * log**2
+        return result
+
+    def first_piola(self, gradient: Array) -> Array:
+        """Sum of the parts of both moduli."""
+        pressure = self.lame_lambda * _log_jacobian(gradient)[..., None, None]
+        result: Array = self.lame_mu * _excess(gradient) + pressure * _inverse_transposed(gradient)
+        return result
+
+    @property
+    def stiffness(self) -> float:
+        """Return lambda + 2 mu."""
+        return self.lame_lambda + 2.0 * self.lame_mu
+
+
+@dataclass(frozen=True)
+class MooneyRivlin(Material):
+    """Compressible Mooney-Rivlin solid, W = C10 (J^(-2/3) I1 - 3) + C01 (J^(-4/3) I2 - 3) + K/2 (J - 1)^2.
+
+    In plane strain C33 = 1: I1 = 3 + i1 with i1 = |F|^2 - 2 and I2 = 3 + i2 with i2 = i1 + j, j = J^2 - 1. Their
+    derivatives are 2 F and 2 F + 2 J^2 F^-T, that of a power is d(J^a) = a J^a F^-T : dF. So
+
+        d(J^(-2/3) I1) = 2 J^(-2/3) [F - (1 + i1/3) F^-T]             = 2 J^(-2/3) [(F - F^-T) - i1/3 F^-T]
+        d(J^(-4/3) I2) = 2 J^(-4/3) [F + (J^2 - 2 - 2/3 i2) F^-T]     = 2 J^(-4/3) [(F - F^-T) + (j - 2 i1)/3 F^-T]
+
+    where every term is of the order of the strain: the two stresses of 2 C10 and 2 C01 that cancel at rest do not
+    appear. Not a number where J <= 0.
+    """
+
+    c10: float
+    c01: float
+    bulk_modulus: float
+
+    def energy(self, gradient: Array) -> Array:
+        """Strain energy; J^a (3 + i) - 3 = (J^a - 1)(3 + i) + i."""
+        dilatation, log = _dilatation(gradient), _log_jacobian(gradient)
+        first = _first_invariant(gradient)
+        second = first + dilatation * (2.0 + dilatation)
+        result: Array = (
+            self.c10 * (np.expm1(-2.0 / 3.0 * log) * (3.0 + first) + first)
+            + self.c01 * (np.expm1(-4.0 / 3.0 * log) * (3.0 + second) + second)
+            + 0.5 * self.bulk_modulus * dilatation**2
+        )
+        return result
+
+    def first_piola(self, gradient: Array) -> Array:
+        """Sum of the parts of the three constants."""
+        dilatation = _dilatation(gradient)[..., None, None]
+        first = _first_invariant(gradient)[..., None, None]
+        square = dilatation * (2.0 + dilatation)
+        with np.errstate(over="ignore", invalid="ignore"):
+            power = np.exp(-2.0 / 3.0 * _log_jacobian(gradient))[..., None, None]
+            excess, inverse = _excess(gradient), _inverse_transposed(gradient)
+            result: Array = (
+                2.0 * self.c10 * power * (excess - first / 3.0 * inverse)
+                + 2.0 * self.c01 * power**2 * (excess + (square - 2.0 * first) / 3.0 * inverse)
+                + self.bulk_modulus * dilatation * cofactor(IDENTITY + gradient)
+            )
+        return result
+
+    @property
+    def stiffness(self) -> float:
+        """Return K + 4/3 mu with mu = 2 (C10 + C01)."""
+        return self.bulk_modulus + 8.0 / 3.0 * (self.c10 + self.c01)
+
+
+@dataclass(frozen=True)
 class PseudoSolid(Material):
     """The fluid's mesh as a compressible neo-Hookean solid, W = (|F|^2 - 2)/2 - ln J + beta/2 (ln J)^2.
 
     Shear modulus 1 and Lame constant ``beta``; the energy grows without bound as J = det F falls to zero. Since
     dJ = cof F : dF, the derivative of ln J is cof F / J = F^-T, and the stress has the two parts F - F^-T and
-    beta ln J F^-T. The first is written ((J - 1) F + H - cof H) / J, because cof F = I + cof H in 2D: so small
-    displacement gradients H keep their digits, like those of J - 1 = tr H + det H. The volume's part, and with it the
-    whole stress, is not a number where J <= 0.
+    beta ln J F^-T. The volume's part, and with it the whole stress, is not a number where J <= 0.
     """
 
     beta: float
 
     def energy(self, gradient: Array) -> Array:
-        """Strain energy; |F|^2 - 2 = 2 tr H + H : H."""
-        log = np.log1p(_dilatation(gradient))
-        result: Array = trace(gradient) + 0.5 * double_dot(gradient, gradient) - log + 0.5 * self.beta * log**2
+        """Strain energy from |F|^2 - 2 and ln J."""
+        log = _log_jacobian(gradient)
+        result: Array = 0.5 * _first_invariant(gradient) - log + 0.5 * self.beta * log**2
         return result
 
     def shape_stress(self, gradient: Array) -> Array:
         """Part F - F^-T of the stress, (..., 2, 2)."""
-        dilatation = _dilatation(gradient)[..., None, None]
-        inner = dilatation * (IDENTITY + gradient) + gradient - cofactor(gradient)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            result: Array = inner / (1.0 + dilatation)
-        return result
+        return _excess(gradient)
 
     def volume_stress(self, gradient: Array) -> Array:
         """Part beta ln J F^-T of the stress, (..., 2, 2)."""
-        dilatation = _dilatation(gradient)[..., None, None]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            result: Array = self.beta * np.log1p(dilatation) / (1.0 + dilatation) * cofactor(IDENTITY + gradient)
+        with np.errstate(invalid="ignore"):
+            result: Array = self.beta * _log_jacobian(gradient)[..., None, None] * _inverse_transposed(gradient)
         return result
 
     def first_piola(self, gradient: Array) -> Array:
@@ -146,3 +219,34 @@ class PseudoSolid(Material):
 def _dilatation(gradient: Array) -> Array:
     """J - 1 of the displacement gradient (..., 2, 2), (...)."""
     return trace(gradient) + determinant(gradient)
+
+
+def _log_jacobian(gradient: Array) -> Array:
+    """ln J of the displacement gradient, (...); not a number where J < 0."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        result: Array = np.log1p(_dilatation(gradient))
+    return result
+
+
+def _first_invariant(gradient: Array) -> Array:
+    """I1 - 3 = |F|^2 - 2 = 2 tr H + H : H of the displacement gradient H, (...)."""
+    return 2.0 * trace(gradient) + double_dot(gradient, gradient)
+
+
+def _inverse_transposed(gradient: Array) -> Array:
+    """F^-T = cof F / J of the displacement gradient, (..., 2, 2)."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        result: Array = cofactor(IDENTITY + gradient) / (1.0 + _dilatation(gradient)[..., None, None])
+    return result
+
+
+def _excess(gradient: Array) -> Array:
+    """F - F^-T of the displacement gradient H, (..., 2, 2).
+
+    Written ((J - 1) F + H - cof H) / J, because cof F = I + cof H in 2D: so small H keep their digits.
+    """
+    dilatation = _dilatation(gradient)[..., None, None]
+    inner = dilatation * (IDENTITY + gradient) + gradient - cofactor(gradient)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        result: Array = inner / (1.0 + dilatation)
+    return result

@@ -15,7 +15,7 @@ from ffsi.scene.geometry import (
     Geometry,
     Physics,
 )
-from ffsi.scene.materials import Fluid, Solid, StVenantKirchhoff
+from ffsi.scene.materials import Fluid, MooneyRivlin, NeoHookean, Solid, StVenantKirchhoff
 from ffsi.scene.model import Scene
 from ffsi.scene.numerics import Mesh, MeshMotion, Output, Solver
 from ffsi.scene.overrides import parse_overrides, with_values
@@ -38,6 +38,8 @@ __all__ = [
     "Inflow",
     "Mesh",
     "MeshMotion",
+    "MooneyRivlin",
+    "NeoHookean",
     "Outlet",
     "Output",
     "Physics",

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from ffsi.scene.flow import Forces, Gravity, Inflow, Outlet
 from ffsi.scene.geometry import Beam, ChannelCavity, ChannelCylinder, FlapChannel
-from ffsi.scene.materials import Fluid, StVenantKirchhoff
+from ffsi.scene.materials import Fluid, MooneyRivlin, NeoHookean, Solid, StVenantKirchhoff
 from ffsi.scene.model import Scene
 from ffsi.scene.numerics import Mesh, MeshMotion
 
+# St. Venant-Kirchhoff collapses at a finely resolved root corner: the size there belongs to the scene.
+FLAP_SVK_MESH = Mesh(level=1, root_size=0.01)
+FLAP_MESH = Mesh(level=1)
 # Element sizes at level 0 where the geometry's defaults are not the best: a flow needs the wake, a beam its corners.
 FLOW_MESH = Mesh(growth=0.4, far_size=0.05, body_size=0.012, corner_size=0.0025)
 CYLINDER_MESH = Mesh(growth=0.4, far_size=0.05, body_size=0.008, corner_size=0.0025)
@@ -16,14 +19,13 @@ BEAM_MESH = Mesh(growth=0.5, far_size=0.09, body_size=0.012, corner_size=0.001)
 DO_NOTHING = Outlet(kind="do-nothing")
 
 
-def flap(name: str, description: str, solid: StVenantKirchhoff) -> Scene:
-    """Return the elastic flap in a channel (Table 1 of the paper) with the given material."""
+def flap(name: str, description: str, solid: Solid, mesh: Mesh) -> Scene:
+    """Return the elastic flap in a channel (Table 1 of the paper) with the given material and mesh."""
     return Scene(
         name=name,
         description=description,
         geometry=FlapChannel(),
-        # St. Venant-Kirchhoff collapses at a finely resolved root corner: the size there belongs to the scene.
-        mesh=Mesh(level=1, root_size=0.01),
+        mesh=mesh,
         fluid=Fluid(density=1.0, viscosity=1e-3),
         solid={"flap": solid},
         # The mesh must follow a tip that moves by two thirds of the flap's height.
@@ -63,10 +65,16 @@ def turek(name: str, description: str, mean_velocity: float | None = None, lame_
 
 
 def _scenes() -> list[Scene]:
+    flap_text = "Elastic flap on the floor of a channel"
     svk = StVenantKirchhoff(material="st-venant-kirchhoff", density=1.0, lame_lambda=8.0, lame_mu=2.0)
+    neo = NeoHookean(material="neo-hookean", density=1.0, lame_lambda=8.0, lame_mu=2.0)
+    # The paper's bulk modulus, far below the shear modulus of 350 Pa: Poisson's ratio is about -0.93.
+    mooney = MooneyRivlin(material="mooney-rivlin", density=1.0, c10=75.0, c01=100.0, bulk_modulus=5.6)
     floor = StVenantKirchhoff(material="st-venant-kirchhoff", density=1000.0, young_modulus=500.0, poisson_ratio=0.4)
     return [
-        flap("flap-svk", "Elastic flap on the floor of a channel, St. Venant-Kirchhoff, rigid roof", svk),
+        flap("flap-svk", f"{flap_text}, St. Venant-Kirchhoff, rigid roof", svk, FLAP_SVK_MESH),
+        flap("flap-neo-hookean", f"{flap_text}, neo-Hookean, rigid roof", neo, FLAP_MESH),
+        flap("flap-mooney-rivlin", f"{flap_text}, Mooney-Rivlin, rigid roof", mooney, FLAP_MESH),
         turek("turek-cfd1", "Turek-Hron CFD1: steady flow around a rigid cylinder and beam, Re 20", 0.2),
         turek("turek-cfd2", "Turek-Hron CFD2: steady flow around a rigid cylinder and beam, Re 100", 1.0),
         turek("turek-csm1", "Turek-Hron CSM1: beam under gravity", lame_mu=0.5e6),

@@ -8,7 +8,7 @@ from pydantic import Field, model_validator
 
 from ffsi.scene.base import Table, refuse
 from ffsi.scene.errors import Problem, number_text, short
-from ffsi.scene.units import Density, Modulus, Quantity, Stress, Viscosity
+from ffsi.scene.units import Density, Modulus, NonNegativeModulus, Quantity, Stress, Viscosity
 
 ELASTIC_PAIRS: tuple[tuple[str, str], ...] = (
     ("lame_lambda", "lame_mu"),
@@ -29,10 +29,15 @@ class Fluid(Table):
     law: Literal["newtonian"] = Field("newtonian", description='viscosity law: "newtonian"')
 
 
-class CompressibleElastic(Table):
-    """A solid with a density and two elastic constants: exactly one pair of `ELASTIC_PAIRS`."""
+class Elastic(Table):
+    """A solid with a density."""
 
     density: Density = Field(description="density in the reference configuration, kg/m^3")
+
+
+class CompressibleElastic(Elastic):
+    """A solid with two elastic constants: exactly one pair of `ELASTIC_PAIRS`."""
+
     lame_lambda: Stress | None = Field(None, description="first Lame constant, Pa")
     lame_mu: Modulus | None = Field(None, description="second Lame constant (shear modulus), Pa")
     young_modulus: Modulus | None = Field(None, description="Young's modulus, Pa")
@@ -98,5 +103,46 @@ class StVenantKirchhoff(CompressibleElastic):
     material: Literal["st-venant-kirchhoff"] = Field(description='material law: "st-venant-kirchhoff"')
 
 
-# The next law makes this a union with Field(discriminator="material").
-Solid = StVenantKirchhoff
+class NeoHookean(CompressibleElastic):
+    """Compressible neo-Hookean solid: W = mu/2 (I1 - 3 - 2 ln J) + lambda/2 (ln J)^2, plane strain."""
+
+    material: Literal["neo-hookean"] = Field(description='material law: "neo-hookean"')
+
+
+class MooneyRivlin(Elastic):
+    """Compressible Mooney-Rivlin solid, plane strain.
+
+    W = C10 (J^(-2/3) I1 - 3) + C01 (J^(-4/3) I2 - 3) + K/2 (J - 1)^2. Poisson's ratio may be far below zero:
+    nothing ties the bulk modulus to the others.
+    """
+
+    c10: NonNegativeModulus = Field(description="constant C10 of the first invariant, Pa")
+    c01: NonNegativeModulus = Field(description="constant C01 of the second invariant, Pa")
+    bulk_modulus: Modulus = Field(description="bulk modulus K, Pa")
+    material: Literal["mooney-rivlin"] = Field(description='material law: "mooney-rivlin"')
+
+    @property
+    def lame(self) -> tuple[float, float]:
+        """Lame constants (lambda, mu) at rest, Pa."""
+        mu = 2 * (self.c10 + self.c01)
+        return self.bulk_modulus - 2 / 3 * mu, mu
+
+    @property
+    def young_poisson(self) -> tuple[float, float]:
+        """Young's modulus in Pa and Poisson's ratio at rest."""
+        bulk, mu = self.bulk_modulus, self.lame[1]
+        return 9 * bulk * mu / (3 * bulk + mu), (3 * bulk - 2 * mu) / (2 * (3 * bulk + mu))
+
+    @model_validator(mode="after")
+    def _resists_shear(self) -> Self:
+        if not self.c10 + self.c01 > 0:
+            refuse([Problem("c10", "c10 + c01 must be greater than 0 Pa", f"{short(self.c10)} Pa")])
+        return self
+
+
+Solid = Annotated[StVenantKirchhoff | NeoHookean | MooneyRivlin, Field(discriminator="material")]
+MATERIALS: dict[str, type[Elastic]] = {
+    "st-venant-kirchhoff": StVenantKirchhoff,
+    "neo-hookean": NeoHookean,
+    "mooney-rivlin": MooneyRivlin,
+}

@@ -9,7 +9,14 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from ffsi.scene.errors import Problem, SceneError, short
-from ffsi.scene.materials import ELASTIC_CONSTANTS, ELASTIC_PAIRS, PAIRS_TEXT, CompressibleElastic
+from ffsi.scene.materials import (
+    ELASTIC_CONSTANTS,
+    ELASTIC_PAIRS,
+    MATERIALS,
+    PAIRS_TEXT,
+    CompressibleElastic,
+    Elastic,
+)
 from ffsi.scene.model import Scene
 
 _KEY = re.compile(r"[A-Za-z0-9_-]+(\.[A-Za-z0-9_-]+)*")
@@ -43,7 +50,7 @@ def with_values(scene: Scene, values: Mapping[str, Any]) -> Scene:
     Args:
         scene: where the other values come from.
         values: new values by dotted key, such as ``{"inflow.mean_velocity": 0.06}``; a complete new pair of elastic
-            constants replaces the scene's pair.
+            constants replaces the scene's pair; a new material keeps the constants that it knows.
 
     Raises:
         SceneError: a key or value is not valid.
@@ -54,14 +61,25 @@ def with_values(scene: Scene, values: Mapping[str, Any]) -> Scene:
         text = f'the scene has the geometry "{scene.geometry.kind}"; another one needs another scene'
         problems.append(Problem("geometry.kind", text, short(values["geometry.kind"])))
     for name, solid in scene.solid.items():
-        prefix = f"solid.{name}."
-        given = [constant for constant in ELASTIC_CONSTANTS if prefix + constant in values]
-        problems += _choose_pair(prefix, solid, given, table["solid"][name])
+        if not {"solid", f"solid.{name}"} & set(values):
+            problems += _adapt_solid(f"solid.{name}.", solid, values, table["solid"][name])
     for key, value in values.items():
         problems += _put(table, key, value)
     if problems:
         raise SceneError(problems)
     return Scene.model_validate(table)
+
+
+def _adapt_solid(prefix: str, solid: Elastic, values: Mapping[str, Any], table: dict[str, Any]) -> list[Problem]:
+    """Remove from the solid's table what the new values replace: the old material's own keys, or the pair in use."""
+    name = values.get(prefix + "material")
+    material = MATERIALS.get(name, type(solid)) if isinstance(name, str) else type(solid)
+    for key in table.keys() - material.model_fields.keys():
+        del table[key]
+    if not (isinstance(solid, CompressibleElastic) and issubclass(material, CompressibleElastic)):
+        return []
+    given = [constant for constant in ELASTIC_CONSTANTS if prefix + constant in values]
+    return _choose_pair(prefix, solid, given, table)
 
 
 def _choose_pair(prefix: str, solid: CompressibleElastic, given: Sequence[str], table: dict[str, Any]) -> list[Problem]:

@@ -16,6 +16,9 @@ if TYPE_CHECKING:
 
 Model = type[BaseModel]
 
+# The keys that choose one model of a union.
+_TAGS = ("kind", "material")
+
 
 def scene_problems(error: ValidationError, root: Model) -> list[Problem]:
     """Return the problems that a validation error of the model ``root`` stands for."""
@@ -35,7 +38,7 @@ def _problems(detail: ErrorDetails, root: Model) -> list[Problem]:
             meaning = field.description if field and field.description else "a value is needed"
             return [Problem(key, f"missing; {meaning}")]
         case "extra_forbidden":
-            return [_unknown_key(key, value, table, root)]
+            return [_unknown_key(key, value, table, root, _models_at(root, location[:-2]))]
         case "literal_error":
             return [_unknown_name(key, value, _quoted(str(context["expected"])))]
         case "union_tag_invalid":
@@ -61,9 +64,25 @@ def _unknown_name(key: str, value: Any, accepted: list[str]) -> Problem:
     return Problem(key, f"accepted: {names(accepted)}", short(value), guess)
 
 
-def _unknown_key(key: str, value: Any, table: Model | None, root: Model) -> Problem:
+def _unknown_key(key: str, value: Any, table: Model | None, root: Model, above: Sequence[Model]) -> Problem:
+    """Return the problem of a key that the table does not have.
+
+    Args:
+        key: dotted key.
+        value: its value.
+        table: the model that should hold the key.
+        root: the model of the whole.
+        above: the models two steps up; several where the table is one of a union.
+    """
     prefix, _, name = key.rpartition(".")
     siblings = list(table.model_fields) if table else []
+    where = f'"{prefix}"' if prefix else "the scene"
+    if table and len(above) > 1:
+        tags = [f'{tag} "{literals[0]}"' for tag in _TAGS if len(literals := _literals(table, tag)) == 1]
+        where += f" with the {tags[0]}" if tags else ""
+        if any(name in other.model_fields for other in above):
+            # Right for another one of the union: a name that looks alike is not what was meant.
+            return Problem(key, f"unknown key; {where} has {names(siblings)}", short(value))
     guess = nearest(name, siblings)
     if guess is not None:
         guess = join(prefix, guess)
@@ -71,7 +90,6 @@ def _unknown_key(key: str, value: Any, table: Model | None, root: Model) -> Prob
         by_name = {full.rpartition(".")[2]: full for full in _all_keys(root)}
         found = nearest(name, by_name)
         guess = by_name[found] if found else None
-    where = f'"{prefix}"' if prefix else "the scene"
     return Problem(key, f"unknown key; {where} has {names(siblings)}", short(value), guess)
 
 
@@ -107,7 +125,7 @@ def _walk(root: Model, location: tuple[int | str, ...]) -> Iterator[tuple[list[s
     yield key, _models(annotation)
     for item in location:
         models = _models(annotation)
-        tagged = [model for model in models if any(item in _literals(model, name) for name in ("kind", "material"))]
+        tagged = [model for model in models if any(item in _literals(model, tag) for tag in _TAGS)]
         if len(models) > 1 and tagged:
             annotation = tagged[0]
         else:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ffsi.reference.from_scene import problem_from_scene, refuse_other_parameters
-from ffsi.reference.materials import StVenantKirchhoff
+from ffsi.reference.materials import MooneyRivlin, NeoHookean, StVenantKirchhoff
 from ffsi.reference.problem import Fluid, MeshMotion, Solid
 from ffsi.scene import CASES, boundaries, with_values
 
@@ -55,6 +55,17 @@ def test_values_reach_their_places():
 def test_kind_of_mesh_motion_reaches_the_problem(kind):
     problem = problem_from_scene(with_values(CASES["turek-fsi1"], {"mesh_motion.kind": kind}))
     assert problem.mesh_motion == MeshMotion(1.0, 1.0, kind)
+
+
+def test_hyperelastic_materials_reach_the_problem():
+    solids = {name: problem_from_scene(CASES[f"flap-{name}"]).solids for name in ("neo-hookean", "mooney-rivlin")}
+    assert solids == {
+        "neo-hookean": {2: Solid(1.0, NeoHookean(8.0, 2.0))},
+        "mooney-rivlin": {2: Solid(1.0, MooneyRivlin(75.0, 100.0, 5.6))},
+    }
+    for name, solid in solids.items():
+        lame_lambda, lame_mu = CASES[f"flap-{name}"].solid["flap"].lame
+        assert solid[2].material.stiffness == pytest.approx(lame_lambda + 2 * lame_mu, rel=1e-14)
 
 
 def test_uniform_profile_has_a_value_per_node():

@@ -20,7 +20,7 @@ from test_reference_cases import (
 )
 
 from ffsi.rawfiles import RawState
-from ffsi.reference.materials import StVenantKirchhoff
+from ffsi.reference.materials import MooneyRivlin, NeoHookean, StVenantKirchhoff
 from ffsi.reference.problem import Boundary, MeshMotion, Solid
 from ffsi.reference.residual import compute_residual
 from ffsi.reference.solve import ConvergenceError, damped_step, jacobian, residual_vector, solve
@@ -113,6 +113,35 @@ def test_flap_converges_quadratically(method, kind):
     *_, before, last = solution.corrections
     assert np.log(last) / np.log(before) > 1.6
     assert solution.residuals[-1] < 1e-10 < 1e-6 < solution.residuals[-2]
+
+
+# The first two have the Lame constants 60 and 30 at rest; the last one hardly changes its volume.
+@pytest.mark.parametrize(
+    ("material", "iterations"),
+    [
+        (NeoHookean(60.0, 30.0), FLAP_ITERATIONS),
+        (MooneyRivlin(6.0, 9.0, 80.0), FLAP_ITERATIONS),
+        (MooneyRivlin(6.0, 9.0, 800.0), FLAP_ITERATIONS + 1),
+    ],
+    ids=str,
+)
+def test_hyperelastic_flap_converges_quadratically(material, iterations):
+    system = System.build(flap_problem(solids={2: Solid(2.0, material)}), flap_mesh())
+    solution = solve(system, tolerance=1e-10)
+    assert solution.steps == [1.0] * iterations
+    assert np.abs(solution.state.u).max() > 0.05
+    *_, before, last = solution.corrections
+    assert np.log(last) / np.log(before) > 1.6
+    assert solution.residuals[-1] < 1e-10 < 1e-8 < solution.residuals[-2]
+
+
+@pytest.mark.parametrize("material", [NeoHookean(60.0, 30.0), MooneyRivlin(6.0, 9.0, 80.0)], ids=str)
+def test_jacobians_agree_for_hyperelastic_solids(material):
+    system = System.build(cantilever_problem(solids={2: Solid(1.5, material)}), channel_mesh(region=2))
+    state = state_of(system.mesh)
+    state.u[:] = 0.01 * np.random.default_rng(6).normal(size=state.u.shape)
+    exact, differences = (jacobian(system, state, method).toarray() for method in METHODS)
+    np.testing.assert_allclose(differences, exact, rtol=0, atol=1e-7 * np.abs(exact).max())
 
 
 def test_flow_over_a_bump_converges():

@@ -14,7 +14,7 @@ SOLID = [name for name, scene in CASES.items() if scene.physics == "solid"]
 FSI = [name for name, scene in CASES.items() if scene.physics == "fsi"]
 
 # What a section of the script announces itself by.
-FLUID_FLUX, SOLID_FLUX, MESH_MOTION, OUTLET = "FluidFlux", "E11 += a(:, 2)", "varf MotionXX", "varf OutletXY"
+FLUID_FLUX, SOLID_FLUX, MESH_MOTION, OUTLET = "FluidFlux", "real[int] F11 = a(:, 0)", "varf MotionXX", "varf OutletXY"
 
 
 def script(case: str, *settings: str, mumps: bool = True) -> str:

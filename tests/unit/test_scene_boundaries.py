@@ -48,6 +48,8 @@ FLOOR = box(2, -1.4, 6, -1)
 # For each region of each case: the outlines (outer, then holes).
 OUTLINES: dict[str, dict[str, list[Points]]] = {
     "flap-svk": {"fluid": [CHANNEL_WITHOUT_FLAP], "flap": [FLAP]},
+    "flap-neo-hookean": {"fluid": [CHANNEL_WITHOUT_FLAP], "flap": [FLAP]},
+    "flap-mooney-rivlin": {"fluid": [CHANNEL_WITHOUT_FLAP], "flap": [FLAP]},
     "turek-cfd1": {"fluid": [box(0, 0, 2.5, 0.41), BODY]},
     "turek-cfd2": {"fluid": [box(0, 0, 2.5, 0.41), BODY]},
     "turek-csm1": {"beam": [BEAM]},
@@ -58,8 +60,11 @@ OUTLINES: dict[str, dict[str, list[Points]]] = {
 }
 
 INLET, OUTLET, WALLS = (1, "inlet", None), (2, "outlet", None), (3, "no-slip", None)
+FLAP_ROLES = [INLET, OUTLET, WALLS, (5, "interface", "flap"), (6, "clamped", None)]
 ROLES = {
-    "flap-svk": [INLET, OUTLET, WALLS, (5, "interface", "flap"), (6, "clamped", None)],
+    "flap-svk": FLAP_ROLES,
+    "flap-neo-hookean": FLAP_ROLES,
+    "flap-mooney-rivlin": FLAP_ROLES,
     "turek-cfd1": [INLET, OUTLET, WALLS, (4, "no-slip", "cylinder"), (5, "no-slip", "beam")],
     "turek-cfd2": [INLET, OUTLET, WALLS, (4, "no-slip", "cylinder"), (5, "no-slip", "beam")],
     "turek-csm1": [(5, "free", None), (6, "clamped", None)],
@@ -137,7 +142,8 @@ def test_circles_are_the_curved_no_slip_boundaries() -> None:
     cylinder = {4: (0.2, 0.2, 0.05)}
     lips = {8: (1.75, -0.25, 0.25), 9: (6.25, -0.25, 0.25)}
     around = {case: cylinder for case in ("turek-cfd1", "turek-cfd2", "turek-fsi1", "cylinder-2d1")}
-    assert circles == {"flap-svk": {}, "turek-csm1": {}, "turek-csm2": {}, "cavity-flexible-floor": lips, **around}
+    none = {case: {} for case in ("flap-svk", "flap-neo-hookean", "flap-mooney-rivlin", "turek-csm1", "turek-csm2")}
+    assert circles == {**none, "cavity-flexible-floor": lips, **around}
 
 
 def test_rigid_flap_and_solid_alone() -> None:
@@ -159,6 +165,8 @@ def test_tips() -> None:
     tips = {case: scene.tip for case, scene in CASES.items() if scene.tip}
     expected = {
         "flap-svk": (0.52, 0.2),
+        "flap-neo-hookean": (0.52, 0.2),
+        "flap-mooney-rivlin": (0.52, 0.2),
         "turek-csm1": (0.6, 0.2),
         "turek-csm2": (0.6, 0.2),
         "turek-fsi1": (0.6, 0.2),

@@ -24,6 +24,21 @@ OVERRIDES = [
     ("flap-svk", "geometry.kind=channel-cavity", ["geometry.kind =", 'geometry "flap-channel"', "another scene"]),
     ("flap-svk", "fluid.law=newtonain", ['fluid.law = "newtonain":', 'mean "newtonian"']),
     ("flap-svk", "solid.flap.material=st-venant-kirchof", ["solid.flap.material =", 'mean "st-venant-kirchhoff"']),
+    (
+        "flap-svk",
+        "solid.flap.material=neo-hooke",
+        [
+            'solid.flap.material = "neo-hooke":',
+            '"st-venant-kirchhoff", "neo-hookean", "mooney-rivlin"',
+            'mean "neo-hookean"',
+        ],
+    ),
+    (
+        "flap-mooney-rivlin",
+        "solid.flap.material=rubber",
+        ['solid.flap.material = "rubber":', '"st-venant-kirchhoff", "neo-hookean", "mooney-rivlin"'],
+    ),
+    ("flap-svk", "solid.flap.material=[1]", ["solid.flap.material = a list of 1:", '"mooney-rivlin"']),
     ("flap-svk", "mesh_motion.kind=harmonik", ["mesh_motion.kind =", 'mean "harmonic"']),
     ("turek-fsi1", "mesh_motion.kind=hyperelastc", ["mesh_motion.kind =", '"harmonic"', 'mean "hyperelastic"']),
     ("flap-svk", "outlet.kind=do_nothing", ["outlet.kind =", '"zero-traction"', 'mean "do-nothing"']),
@@ -68,6 +83,58 @@ OVERRIDES = [
     ("flap-svk", "solid.flap.young_modulus=5", ["solid.flap.young_modulus:", "uses the pair (lame_lambda, lame_mu)"]),
     ("turek-csm1", "solid.beam.lame_lambda=1", ["solid.beam.lame_lambda:", "uses the pair (lame_mu, poisson_ratio)"]),
     ("flap-svk", "solid.flap.lame_lambda=-2", ["solid.flap.lame_lambda = -2 Pa:", "-1.33333333 Pa"]),
+    ("flap-neo-hookean", "solid.flap.young_modulus=5", ["solid.flap.young_modulus:", "pair (lame_lambda, lame_mu)"]),
+    ("flap-neo-hookean", "solid.flap.lame_lambda=-2", ["solid.flap.lame_lambda = -2 Pa:", "-1.33333333 Pa"]),
+    (
+        "flap-mooney-rivlin",
+        "solid.flap.material=neo-hookean",
+        ["solid.flap.lame_lambda:", "missing", "(young_modulus, poisson_ratio)"],
+    ),
+    # constants of Mooney-Rivlin
+    (
+        "flap-svk",
+        "solid.flap.material=mooney-rivlin",
+        ["solid.flap.c10: missing; constant C10", "\nsolid.flap.c01: missing;", "\nsolid.flap.bulk_modulus: missing;"],
+    ),
+    (
+        "flap-svk",
+        'solid.flap={material="mooney-rivlin", density=1, c10=75}',
+        ["solid.flap.c01: missing", "\nsolid.flap.bulk_modulus: missing;"],
+    ),
+    ("flap-mooney-rivlin", "solid.flap.c10=-1", ["solid.flap.c10 = -1:", ">= 0 in Pa"]),
+    ("flap-mooney-rivlin", "solid.flap.c01=-1", ["solid.flap.c01 = -1:", ">= 0 in Pa"]),
+    ("flap-mooney-rivlin", "solid.flap.bulk_modulus=0", ["solid.flap.bulk_modulus = 0:", "> 0 in Pa"]),
+    ("flap-mooney-rivlin", "solid.flap.bulk_modulus=1 m", ["solid.flap.bulk_modulus =", "wrong dimension"]),
+    (
+        "flap-mooney-rivlin",
+        'solid.flap={material="mooney-rivlin", density=1, c10=0, c01=0, bulk_modulus=1}',
+        ["solid.flap.c10 = 0 Pa:", "c10 + c01 must be greater than 0 Pa"],
+    ),
+    # keys of another material
+    (
+        "flap-svk",
+        "solid.flap.c10=75",
+        ["solid.flap.c10 = 75:", 'unknown key; "solid.flap" with the material "st-venant-kirchhoff" has', '"lame_mu"'],
+    ),
+    (
+        "flap-neo-hookean",
+        "solid.flap.bulk_modulus=5.6",
+        ["solid.flap.bulk_modulus = 5.6:", 'with the material "neo-hookean" has', '"poisson_ratio"'],
+    ),
+    (
+        "flap-mooney-rivlin",
+        "solid.flap.young_modulus=5",
+        [
+            "solid.flap.young_modulus = 5:",
+            'with the material "mooney-rivlin" has "density", "c10", "c01", "bulk_modulus", "material"',
+        ],
+    ),
+    (
+        "flap-mooney-rivlin",
+        "solid.flap.bulk_modulos=5",
+        ["solid.flap.bulk_modulos = 5:", "unknown key", 'mean "solid.flap.bulk_modulus"'],
+    ),
+    ("flap-svk", "geometry.cylinder_x=1", ["geometry.cylinder_x = 1:", 'with the kind "flap-channel" has']),
     # geometry
     ("flap-svk", "geometry.flap_height=0.4", ["geometry.flap_height = 0.4 m:", "less than height = 0.4 m"]),
     ("flap-svk", "geometry.flap_left=2.49", ["geometry.flap_width = 0.04 m:", "length - flap_left = 0.01 m"]),
@@ -131,7 +198,8 @@ TEXTS = [
     (FLAP + SVK + "young_modulus = 3", ["solid.flap.poisson_ratio:", "missing beside young_modulus"]),
     (FLAP + SVK + "lame_lambda = 1\nyoung_modulus = 3", ["solid.flap.young_modulus:", "exactly one pair"]),
     (FLAP + SVK + "lame_mu = 1\nyoung_modulus = 3\npoisson_ratio = 0.1", ["solid.flap.poisson_ratio:", "given beside"]),
-    (FLAP + "[solid.flap]\nlame_mu = 1", ["solid.flap.density:", "missing", "\nsolid.flap.material:"]),
+    (FLAP + "[solid.flap]\nlame_mu = 1", ["solid.flap.material:", "missing", '"neo-hookean", "mooney-rivlin"']),
+    (FLAP + SVK.replace("density = 1", "lame_mu = 1"), ["solid.flap.density:", "missing; density"]),
     (FLAP + SVK.replace("flap", "beam"), ["solid.beam:", "unknown solid", 'holds "flap"']),
     (FLAP + "[sold.flap]\ndensity = 1", ["sold =", "unknown key", 'mean "solid"']),
 ]
@@ -206,6 +274,12 @@ def test_all_problems_are_reported_together() -> None:
     assert [problem.key for problem in caught.value.problems] == ["mesh.level", "fluid.density", "solver.start", "nme"]
     assert caught.value.problems[-1].nearest == "name"
     assert caught.value.problems[0].value == "9"
+
+
+def test_key_of_another_material_has_no_misleading_hint() -> None:
+    with pytest.raises(SceneError) as caught:
+        load_scene("flap-mooney-rivlin", ["solid.flap.young_modulus=5"])
+    assert [problem.nearest for problem in caught.value.problems] == [None]
 
 
 def test_models_built_in_python_raise_the_same_error() -> None:

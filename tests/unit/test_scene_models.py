@@ -14,6 +14,8 @@ from ffsi.scene import (
     FlapChannel,
     Fluid,
     Inflow,
+    MooneyRivlin,
+    NeoHookean,
     Outlet,
     Scene,
     SceneError,
@@ -25,6 +27,8 @@ from ffsi.scene import (
 
 STEADY_CASES = {
     "flap-svk": "fsi",
+    "flap-neo-hookean": "fsi",
+    "flap-mooney-rivlin": "fsi",
     "turek-cfd1": "fluid",
     "turek-cfd2": "fluid",
     "turek-csm1": "solid",
@@ -43,7 +47,7 @@ def test_catalogue_physics_and_levels() -> None:
     assert {name: scene.physics for name, scene in CASES.items()} == STEADY_CASES
     assert all(name == scene.name and scene.description for name, scene in CASES.items())
     levels = {name: scene.mesh.level for name, scene in CASES.items()}
-    assert levels == {name: 1 if name == "flap-svk" else 2 for name in CASES}
+    assert levels == {name: 1 if name.startswith("flap-") else 2 for name in CASES}
 
 
 @pytest.mark.parametrize(
@@ -54,6 +58,14 @@ def test_catalogue_physics_and_levels() -> None:
             "solid.flap.lame_mu": 2, "inflow.mean_velocity": 0.12, "forces.reference_length": 0.2,
             "mesh.root_size": 0.01, "geometry.flap_left": 0.5, "geometry.flap_width": 0.04,
             "geometry.flap_height": 0.2, "geometry.length": 2.5, "geometry.height": 0.4,
+        }),
+        ("flap-neo-hookean", {
+            "solid.flap.density": 1, "solid.flap.lame_lambda": 8, "solid.flap.lame_mu": 2, "inflow.mean_velocity": 0.12,
+            "mesh.level": 1, "mesh.root_size": None, "mesh_motion.divergence_weight": 5,
+        }),
+        ("flap-mooney-rivlin", {
+            "solid.flap.density": 1, "solid.flap.c10": 75, "solid.flap.c01": 100, "solid.flap.bulk_modulus": 5.6,
+            "inflow.mean_velocity": 0.12, "mesh.level": 1, "mesh.root_size": None, "solid.flap.lame_mu": None,
         }),
         ("turek-cfd1", {"fluid.density": 1000, "fluid.viscosity": 1, "inflow.mean_velocity": 0.2}),
         ("turek-cfd2", {"fluid.density": 1000, "fluid.viscosity": 1, "inflow.mean_velocity": 1}),
@@ -85,6 +97,16 @@ def test_parameters_are_exactly_the_numbers() -> None:
         "solver.tolerance", "solver.max_iterations", "solver.minimum_jacobian", "solver.reuse_ratio",
     ]  # fmt: skip
     assert type(CASES["turek-csm1"].parameters()["mesh.level"]) is int
+
+
+def test_flaps_differ_in_solid_and_root_only() -> None:
+    base = CASES["flap-svk"].model_dump()
+    for name in ("flap-neo-hookean", "flap-mooney-rivlin"):
+        other = CASES[name].model_dump()
+        different = {key for key in base if base[key] != other[key]}
+        assert different == {"name", "description", "mesh", "solid"}
+        assert other["mesh"] == base["mesh"] | {"root_size": None}
+        assert other["solid"]["flap"]["material"] == name.removeprefix("flap-")
 
 
 # TOML -----------------------------------------------------------------------------------------------------------------
@@ -200,6 +222,33 @@ def test_auxetic_solid_is_accepted_down_to_minus_one() -> None:
     assert svk(lame_mu=2, poisson_ratio=0.0).lame == (0.0, 2.0)
 
 
+def test_neo_hookean_has_the_pairs_of_st_venant_kirchhoff() -> None:
+    for pair in ({"lame_lambda": 8, "lame_mu": 2}, {"young_modulus": 5.6, "poisson_ratio": 0.4},
+                 {"lame_mu": 2, "poisson_ratio": 0.4}):  # fmt: skip
+        solid = NeoHookean(material="neo-hookean", density=1, **pair)
+        assert set(solid.elastic_pair) == set(pair)
+        assert solid.lame == pytest.approx((8.0, 2.0), rel=1e-14)
+        assert solid.young_poisson == pytest.approx((5.6, 0.4), rel=1e-14)
+    with pytest.raises(SceneError, match=r"^lame_lambda: the elastic constants are missing"):
+        NeoHookean(material="neo-hookean", density=1)
+
+
+def test_mooney_rivlin_constants_at_rest() -> None:
+    paper = CASES["flap-mooney-rivlin"].solid["flap"]
+    assert isinstance(paper, MooneyRivlin)
+    assert paper.lame == pytest.approx((5.6 - 700 / 3, 350), rel=1e-14)
+    assert paper.young_poisson == pytest.approx((17640 / 366.8, -683.2 / 733.6), rel=1e-14)
+    assert paper.young_poisson[1] == pytest.approx(-0.93, abs=0.005)
+    stiff = MooneyRivlin(material="mooney-rivlin", density=1, c10="75 Pa", c01=0, bulk_modulus="17.5 kPa")
+    young, nu = stiff.young_poisson
+    lame_lambda, lame_mu = stiff.lame
+    assert lame_mu == 150
+    assert young == pytest.approx(2 * lame_mu * (1 + nu), rel=1e-14)
+    assert nu == pytest.approx(lame_lambda / (2 * (lame_lambda + lame_mu)), rel=1e-14)
+    with pytest.raises(SceneError, match=r"^c10 = 0 Pa: c10 \+ c01 must be greater than 0 Pa$"):
+        MooneyRivlin(material="mooney-rivlin", density=1, c10=0, c01=0, bulk_modulus=1)
+
+
 # Overrides ------------------------------------------------------------------------------------------------------------
 
 
@@ -229,6 +278,49 @@ def test_whole_pair_replaces_the_pair_in_use() -> None:
         load_scene("flap-svk", ["solid.flap.young_modulus=5.6", "solid.flap.lame_mu=0.4"])
 
 
+MOONEY = 'solid.flap={material="mooney-rivlin", density=1, c10=75, c01=100, bulk_modulus=5.6}'
+
+
+def test_material_is_switched_with_its_pair() -> None:
+    for case, name, law in [
+        ("flap-svk", "neo-hookean", NeoHookean), ("flap-neo-hookean", "st-venant-kirchhoff", StVenantKirchhoff)
+    ]:  # fmt: skip
+        flap = load_scene(case, [f"solid.flap.material={name}"]).solid["flap"]
+        assert isinstance(flap, law)
+        assert flap.lame == (8.0, 2.0)
+    material, young, nu = "solid.flap.material=neo-hookean", "solid.flap.young_modulus=28", "solid.flap.poisson_ratio=0"
+    flap = load_scene("flap-svk", [material, young, nu]).solid["flap"]
+    assert isinstance(flap, NeoHookean)
+    assert flap.lame == (0.0, 14.0)
+    beam = load_scene("turek-csm1", ["solid.beam.material=neo-hookean"]).solid["beam"]
+    assert isinstance(beam, NeoHookean)
+    assert beam.elastic_pair == ("lame_mu", "poisson_ratio")
+
+
+def test_mooney_rivlin_needs_its_own_constants() -> None:
+    flap = CASES["flap-mooney-rivlin"].solid["flap"]
+    assert load_scene("flap-svk", [MOONEY]).solid["flap"] == flap
+    constants = ["solid.flap.c10=75", "solid.flap.c01=100", "solid.flap.bulk_modulus=5.6"]
+    material = "solid.flap.material=mooney-rivlin"
+    assert load_scene("flap-svk", [*constants, material]).solid["flap"] == flap
+    for missing in constants:
+        with pytest.raises(SceneError, match=r": missing; ") as caught:
+            load_scene("flap-svk", [material, *(text for text in constants if text != missing)])
+        assert [problem.key for problem in caught.value.problems] == [missing.partition("=")[0]]
+    changed = load_scene("flap-mooney-rivlin", ["solid.flap.bulk_modulus=17.5 kPa"])
+    assert changed.parameters()["solid.flap.bulk_modulus"] == 17500.0
+    back = ["solid.flap.material=st-venant-kirchhoff", "solid.flap.lame_lambda=8", "solid.flap.lame_mu=2"]
+    assert load_scene("flap-mooney-rivlin", back).solid == CASES["flap-svk"].solid
+
+
+def test_keys_beside_a_whole_table_change_that_table() -> None:
+    table = 'solid.flap={material="neo-hookean", density=1, young_modulus=5.6, poisson_ratio=0.3}'
+    flap = load_scene("flap-svk", [table, "solid.flap.poisson_ratio=0.4"]).solid["flap"]
+    assert isinstance(flap, NeoHookean)
+    assert flap.lame == pytest.approx((8.0, 2.0), rel=1e-14)
+    assert load_scene("flap-svk", [MOONEY, "solid.flap.c10=80"]).parameters()["solid.flap.c10"] == 80
+
+
 def test_beam_can_be_made_elastic() -> None:
     beam = 'solid.beam={material="st-venant-kirchhoff", density=1000, lame_mu=5e5, poisson_ratio=0.4}'
     scene = load_scene("turek-cfd1", [beam])
@@ -242,7 +334,10 @@ def test_mesh_motion_has_two_kinds() -> None:
         return scene.mesh_motion.kind
 
     kinds = {name: kind(scene) for name, scene in CASES.items() if scene.physics == "fsi"}
-    assert kinds == {"flap-svk": "hyperelastic", "turek-fsi1": "harmonic", "cavity-flexible-floor": "harmonic"}
+    assert kinds == {
+        "flap-svk": "hyperelastic", "flap-neo-hookean": "hyperelastic", "flap-mooney-rivlin": "hyperelastic",
+        "turek-fsi1": "harmonic", "cavity-flexible-floor": "harmonic",
+    }  # fmt: skip
     for name in ("harmonic", "hyperelastic"):
         scene = load_scene("turek-fsi1", [f"mesh_motion.kind={name}"])
         assert kind(scene) == name
