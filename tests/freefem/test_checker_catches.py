@@ -79,6 +79,7 @@ def test_a_wrong_force_is_caught(fsi1, tmp_path, quantity):
     assert any("difference" in text for text in check_run(folder, fsi1.scene).failures)
 
 
+SLOW = "inflow.mean_velocity=0.03"
 # Case, settings, text of the rendered script, the same with one other sign.
 MUTATIONS = {
     "adjugate in G": ("turek-fsi1", [], "G11 -= a(:, DYVX)", "G11 += a(:, DYVX)"),
@@ -95,9 +96,16 @@ MUTATIONS = {
     "outlet, x": ("turek-fsi1", [NEAR_OUTLET], "int1d(Th, 2)(fluidViscosity*(", "int1d(Th, 2)(-fluidViscosity*("),
     "outlet, y": ("turek-fsi1", [NEAR_OUTLET], "int1d(Th, 2)(-fluidViscosity*(", "int1d(Th, 2)(fluidViscosity*("),
     "mesh motion": ("turek-fsi1", [], "(alpha*beta*(dy(a)*dx(b)))", "(-alpha*beta*(dy(a)*dx(b)))"),
+    "hyperelastic mesh motion, F^-T": ("flap-svk", [SLOW], "motionFactor -= 1.;", "motionFactor += 1.;"),
+    "hyperelastic mesh motion, cof F": ("flap-svk", [SLOW], "motionPart -= a(:, DYUX);", "motionPart += a(:, DYUX);"),
+    "neo-Hookean, ln J": ("flap-neo-hookean", [SLOW], "logJ *= lambda;", "logJ *= -lambda;"),
+    "neo-Hookean, cof F": ("flap-neo-hookean", [SLOW], "work -= factor.*a(:, 2);", "work += factor.*a(:, 2);"),
+    "Mooney-Rivlin, I1": ("flap-mooney-rivlin", [SLOW], "factor *= -2./3.;", "factor *= 2./3.;"),
+    "Mooney-Rivlin, I2": ("flap-mooney-rivlin", [SLOW], "power = (-4./3.)*square;", "power = (4./3.)*square;"),
+    "Mooney-Rivlin, volume": ("flap-mooney-rivlin", [SLOW], "jj -= flapJ;", "jj += flapJ;"),
     "curved boundary": ("turek-cfd1", [], "bendX += bx;", "bendX -= bx;"),
     "drag": ("turek-cfd1", [], "forceX = -(", "forceX = +("),
-    "wall beside the flap": ("flap-svk", ["inflow.mean_velocity=0.03"], "indicator - restY)", "indicator + restY)"),
+    "wall beside the flap": ("flap-svk", [SLOW], "indicator - restY)", "indicator + restY)"),
 }  # fmt: skip
 
 

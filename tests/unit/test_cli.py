@@ -6,9 +6,9 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from run_folders import FakeCheck, FakeFreeFEM, make_run
+from run_folders import make_run
 
-from ffsi import run, show, study
+from ffsi import run, show
 from ffsi.cli import main
 from ffsi.freefem import FreeFEMNotFound
 
@@ -20,23 +20,6 @@ SWEEP = ["sweep", "flap-svk", "--out", "s"]
 def in_an_empty_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "300")
-
-
-@pytest.fixture
-def freefem(monkeypatch) -> FakeFreeFEM:
-    fake = FakeFreeFEM()
-    monkeypatch.setattr(run, "run_script", fake.run_script)
-    for module in (run, study):
-        monkeypatch.setattr(module, "find_freefem", lambda: SimpleNamespace(has_mumps=True))
-    monkeypatch.setattr(run, "render", lambda scene, mumps: "// nothing\n")
-    return fake
-
-
-@pytest.fixture
-def check(monkeypatch) -> FakeCheck:
-    fake = FakeCheck()
-    monkeypatch.setattr("ffsi.reference.check_run", fake)
-    return fake
 
 
 def call(capsys, *arguments: str) -> tuple[int, str, str]:

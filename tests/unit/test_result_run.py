@@ -2,10 +2,8 @@
 
 import json
 import threading
-from types import SimpleNamespace
 
 import pytest
-from run_folders import FakeCheck, FakeFreeFEM
 
 from ffsi import run
 from ffsi.folder import InputError
@@ -17,22 +15,6 @@ CONTRACT = (
     *("case", "status", "reason", "unknowns", "triangles", "level", "quantities", "newton"),
     *("timings", "check", "freefem", "parameters"),
 )
-
-
-@pytest.fixture
-def freefem(monkeypatch) -> FakeFreeFEM:
-    fake = FakeFreeFEM()
-    monkeypatch.setattr(run, "run_script", fake.run_script)
-    monkeypatch.setattr(run, "find_freefem", lambda: SimpleNamespace(has_mumps=True))
-    monkeypatch.setattr(run, "render", lambda scene, mumps: f"// {scene.name}, MUMPS {mumps}\n")
-    return fake
-
-
-@pytest.fixture
-def check(monkeypatch) -> FakeCheck:
-    fake = FakeCheck()
-    monkeypatch.setattr("ffsi.reference.check_run", fake)
-    return fake
 
 
 @pytest.fixture

@@ -2,30 +2,18 @@
 
 import json
 import tomllib
-from types import SimpleNamespace
 
 import pandas as pd
 import pytest
-from run_folders import FakeCheck, FakeFreeFEM
 
-from ffsi import run, study
+from ffsi import study
 from ffsi.folder import InputError
 from ffsi.scene import SceneError, load_scene
 from ffsi.study import parse_all, parse_vary, plan, sweep
 
+pytestmark = pytest.mark.usefixtures("check")
 KEY = "inflow.mean_velocity"
 SCENE = load_scene("flap-svk", ["mesh.level=0", "output.pictures=false", "output.vtu=false"])
-
-
-@pytest.fixture
-def freefem(monkeypatch) -> FakeFreeFEM:
-    fake = FakeFreeFEM()
-    monkeypatch.setattr(run, "run_script", fake.run_script)
-    for module in (run, study):
-        monkeypatch.setattr(module, "find_freefem", lambda: SimpleNamespace(has_mumps=True))
-    monkeypatch.setattr(run, "render", lambda scene, mumps: "// nothing\n")
-    monkeypatch.setattr("ffsi.reference.check_run", FakeCheck())
-    return fake
 
 
 @pytest.mark.parametrize(
