@@ -10,7 +10,7 @@ STAMP := $(VENV)/.installed
 STUDY := runs/flap-svk
 SYSTEM_PACKAGES := freefem++ libfreefem++ libfreefem++-dev libopenblas0-pthread
 
-.PHONY: help setup system run test verify bench figures lint edp
+.PHONY: help setup system run test verify bench paper figures lint edp
 
 help:
 	@echo "make setup   install what is missing: FreeFEM (apt) and the Python environment in $(VENV)"
@@ -18,6 +18,7 @@ help:
 	@echo "make test    unit tests and small real runs"
 	@echo "make verify  the published values: results/verification.*, README.md, and their tests (minutes)"
 	@echo "make bench   error against seconds, cost ratios: results/bench-*, README.md"
+	@echo "make paper   the study of the paper's sections 5.1 to 5.3: results/paper (minutes)"
 	@echo "make figures the README's picture, from the last point of 'make run'"
 	@echo "make lint    ruff and mypy"
 	@echo "make edp     render every case of the catalogue into edp/ again"
@@ -37,6 +38,9 @@ verify: setup
 
 bench: setup
 	@$(BIN)/ffsi bench --repeat 3 --out results --readme README.md
+
+paper: setup
+	@$(BIN)/ffsi paper --jobs 2
 
 figures: $(STUDY)/chain-001/velocity-0010.png
 	@mkdir -p results

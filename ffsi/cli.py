@@ -259,6 +259,31 @@ def bench(
 
 
 @app.command()
+def paper(
+    cases: Annotated[
+        str | None,
+        typer.Option("--cases", metavar="A,B,...", help="Numbers of the paper's cases.", show_default="1,2,3"),
+    ] = None,
+    level: Annotated[int, typer.Option("--level", help="Mesh level, 0 to 4.")] = 2,
+    jobs: Annotated[int, typer.Option("--jobs", min=1, help="Sweeps at a time.")] = 1,
+    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Write CSV, PNG, paper.md there.")] = Path(
+        "results/paper"
+    ),
+    runs: Annotated[Path, typer.Option("--runs", metavar="DIR", help="The sweeps; a second call resumes them.")] = Path(
+        "runs/paper"
+    ),
+) -> None:
+    """Reproduce the paper's sections 5.1 to 5.3: figures 3 to 14 and their tables (takes minutes).
+
+    Exit codes: as `ffsi run`, but where a sweep ends is a result: 3 only if a sweep has solved no point.
+    """
+    from ffsi.paper import main as reproduce
+
+    numbers = _numbers("--cases", cases) if cases is not None else None
+    raise typer.Exit(_worst(reproduce(numbers, level=level, jobs=jobs, out=out, runs=runs)))
+
+
+@app.command()
 def doctor() -> None:
     """Look for FreeFEM and everything else that a run needs. Exit code 0, or 4 if something is missing."""
     raise typer.Exit(0 if show.doctor() else NO_FREEFEM)
@@ -289,14 +314,20 @@ def _finish(results: Sequence[Result], directory: Path) -> None:
 
 def _levels(text: str) -> list[int]:
     """Read mesh levels such as `0,1,2`."""
+    numbers = _numbers("--levels", text)
+    if min(numbers) < 0 or max(numbers) > 4:
+        raise InputError(f"--levels: mesh levels go from 0 to 4, not {text!r}")
+    return numbers
+
+
+def _numbers(option: str, text: str) -> list[int]:
+    """Read integers such as `0,1,2`."""
     try:
         numbers = [int(item) for item in text.split(",")]
     except ValueError:
-        raise InputError(f"--levels takes integers separated by commas such as 0,1,2, not {text!r}") from None
-    if min(numbers) < 0 or max(numbers) > 4:
-        raise InputError(f"--levels: mesh levels go from 0 to 4, not {text!r}")
+        raise InputError(f"{option} takes integers separated by commas such as 1,2, not {text!r}") from None
     if len(set(numbers)) < len(numbers):
-        raise InputError(f"--levels: a level occurs twice in {text!r}")
+        raise InputError(f"{option}: a number occurs twice in {text!r}")
     return numbers
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -32,6 +33,8 @@ class Fields:
         displacement: (n, 2) metres.
         velocity: (n, 2) m/s.
         pressure: (n,) Pa, linear on each triangle; zero at nodes that belong to solids only.
+        solid_pressure: (n,) Pa, the pressures of mixed solids, linear on each of their triangles, zero outside of them,
+            at a node of two of them that of the later one; None if there is no mixed solid.
     """
 
     points: FloatArray
@@ -40,10 +43,20 @@ class Fields:
     displacement: FloatArray
     velocity: FloatArray
     pressure: FloatArray
+    solid_pressure: FloatArray | None = None
 
     @classmethod
-    def from_raw(cls, mesh: RawMesh, state: RawState) -> Fields:
-        """Build the fields from the arrays that a FreeFEM script wrote."""
+    def from_raw(cls, mesh: RawMesh, state: RawState, mixed_regions: Sequence[int] = ()) -> Fields:
+        """Build the fields from the arrays that a FreeFEM script wrote.
+
+        Args:
+            mesh: the mesh.
+            state: the unknowns on it.
+            mixed_regions: regions of the mixed solids, in the order of the state's pressures.
+
+        Raises:
+            ValueError: the state has the pressures of another number of mixed solids.
+        """
         cells = np.asarray(mesh.p2, dtype=np.int64)[:, [0, 1, 2, 5, 3, 4]]
         triangles = np.asarray(mesh.triangles, dtype=np.int64)
         count = len(state.u)
@@ -54,6 +67,7 @@ class Fields:
             displacement=np.asarray(state.u, dtype=float),
             velocity=np.asarray(state.v, dtype=float),
             pressure=_at_nodes(np.asarray(state.p, dtype=float), triangles, cells, count),
+            solid_pressure=_solid_pressure(mesh, state, mixed_regions, cells),
         )
 
     @property
@@ -147,6 +161,22 @@ class Fields:
         l1 = (d[:, 0] * b[:, 1] - d[:, 1] * b[:, 0]) / area
         l2 = (a[:, 0] * d[:, 1] - a[:, 1] * d[:, 0]) / area
         return np.stack([1 - l1 - l2, l1, l2], axis=1)
+
+
+def _solid_pressure(mesh: RawMesh, state: RawState, mixed_regions: Sequence[int], cells: IntArray) -> FloatArray | None:
+    """Return the pressures of the mixed solids at the P2 nodes of their own triangles, zero elsewhere; None without."""
+    if len(state.ps) != len(mixed_regions):
+        raise ValueError(
+            f"the state has the pressures of {len(state.ps)} mixed solids, the scene has {len(mixed_regions)} of them"
+        )
+    if not mixed_regions:
+        return None
+    values = np.zeros(len(state.u))
+    for region, pressure in zip(mixed_regions, state.ps, strict=True):
+        inside = mesh.region == region
+        nodes = np.unique(cells[inside])
+        values[nodes] = _at_nodes(pressure, mesh.triangles[inside], cells[inside], len(values))[nodes]
+    return values
 
 
 def _at_nodes(at_vertices: FloatArray, triangles: IntArray, cells: IntArray, count: int) -> FloatArray:

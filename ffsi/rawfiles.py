@@ -5,7 +5,7 @@ A file is a sequence of arrays, each an int64 length followed by that many int64
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
@@ -113,37 +113,51 @@ class RawMesh:
 
 @dataclass(frozen=True)
 class RawState:
-    """The unknowns of one solution: ``u`` (n2, 2) metres, ``v`` (n2, 2) metres per second, ``p`` (nv,) pascals."""
+    """The unknowns of one solution: ``u`` (n2, 2) metres, ``v`` (n2, 2) metres per second, ``p`` (nv,) pascals.
+
+    ``ps`` (number of mixed solids, nv) pascals: the pressure of each mixed solid, zero at vertices of none of its
+    triangles; (0, nv) if it is not given.
+    """
 
     u: Floats
     v: Floats
     p: Floats
+    ps: Floats = field(default_factory=lambda: np.zeros((0, 0)))
+
+    def __post_init__(self) -> None:
+        """Give the pressures of no mixed solid the width that sums of states need."""
+        if not len(self.ps):
+            object.__setattr__(self, "ps", np.zeros((0, len(self.p))))
 
 
-def read_arrays(path: Path, dtypes: Sequence[type]) -> list[NDArray[np.generic]]:
+def read_arrays(path: Path, dtypes: Sequence[type], more: type | None = None) -> list[NDArray[np.generic]]:
     """Read the arrays of a binary file whose element types are known (``int`` or ``float``, one per array).
 
-    Raises ``RawFileError`` if the file ends early, goes on behind the last array, or has a senseless length, and
-    ``OSError`` if it cannot be read.
+    With ``more`` any number of arrays of that type may follow. Raises ``RawFileError`` if the file ends early, goes on
+    behind the last array, or has a senseless length, and ``OSError`` if it cannot be read.
     """
     path = Path(path)
     data = path.read_bytes()
     arrays: list[NDArray[np.generic]] = []
     offset = 0
-    for number, kind in enumerate(dtypes, start=1):
+    kinds = list(dtypes)
+    while len(arrays) < len(kinds):
+        place = f"array {len(arrays) + 1} of {len(kinds)}"
         if offset + 8 > len(data):
-            raise RawFileError(f"{path}: truncated: array {number} of {len(dtypes)} is missing")
+            raise RawFileError(f"{path}: truncated: {place} is missing")
         length = int(np.frombuffer(data, _INT, 1, offset)[0])
         offset += 8
         if length < 0 or offset + 8 * length > len(data):
             raise RawFileError(
-                f"{path}: truncated: array {number} of {len(dtypes)} announces {length} values, "
-                f"{(len(data) - offset) // 8} are left"
+                f"{path}: truncated: {place} announces {length} values, {(len(data) - offset) // 8} are left"
             )
-        arrays.append(np.frombuffer(data, _INT if kind is int else _FLOAT, length, offset))
+        kind = _INT if kinds[len(arrays)] is int else _FLOAT
+        arrays.append(np.frombuffer(data, kind, length, offset))
         offset += 8 * length
+        if len(arrays) == len(kinds) and more is not None and offset < len(data):
+            kinds.append(more)
     if offset != len(data):
-        raise RawFileError(f"{path}: {len(data) - offset} bytes follow the last of {len(dtypes)} arrays")
+        raise RawFileError(f"{path}: {len(data) - offset} bytes follow the last of {len(kinds)} arrays")
     return arrays
 
 
@@ -196,23 +210,24 @@ def write_mesh(path: Path, mesh: RawMesh) -> None:
 def read_state(path: Path, mesh: RawMesh) -> RawState:
     """Read ``point-0001.bin`` or ``failed.bin`` of a run on ``mesh``.
 
+    How many pressures of mixed solids follow is up to the file: this module does not know the scene.
     Raises ``RawFileError`` if the sizes do not fit the mesh or a value is not finite.
     """
-    names = ("ux", "uy", "vx", "vy", "p")
-    arrays = [array.astype(np.float64) for array in read_arrays(path, (float,) * len(names))]
+    arrays = [array.astype(np.float64) for array in read_arrays(path, (float,) * 5, more=float)]
+    names = ["ux", "uy", "vx", "vy", "p", *(f"ps {number}" for number in range(1, len(arrays) - 4))]
     for name, array in zip(names, arrays, strict=True):
-        expected = len(mesh.vertices) if name == "p" else mesh.n_p2
+        expected = len(mesh.vertices) if name.startswith("p") else mesh.n_p2
         if len(array) != expected:
             raise RawFileError(f"{path}: {name} has {len(array)} values, the mesh has {expected} such nodes")
         if not np.isfinite(array).all():
             raise RawFileError(f"{path}: {name} has a value that is not finite, the first at node {_first_bad(array)}")
-    ux, uy, vx, vy, p = arrays
-    return RawState(u=np.column_stack([ux, uy]), v=np.column_stack([vx, vy]), p=p)
+    ux, uy, vx, vy, p, *ps = arrays
+    return RawState(np.column_stack([ux, uy]), np.column_stack([vx, vy]), p, np.array(ps).reshape(-1, len(p)))
 
 
 def write_state(path: Path, state: RawState) -> None:
     """Write the unknowns in the layout of ``point-0001.bin``."""
-    write_arrays(path, [state.u[:, 0], state.u[:, 1], state.v[:, 0], state.v[:, 1], state.p])
+    write_arrays(path, [state.u[:, 0], state.u[:, 1], state.v[:, 0], state.v[:, 1], state.p, *state.ps])
 
 
 def _first_bad(array: Floats) -> int:

@@ -10,12 +10,13 @@ from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from ffsi.scene import Boundary, Scene, boundaries
 from ffsi.scene.materials import CompressibleElastic
+from ffsi.scene.units import Count, Quantity
 
 # Arguments of the fluxes: name, unknown, derivative (0 value, 1 d/dx, 2 d/dy).
 FLUID_ARGUMENTS = (
@@ -45,28 +46,11 @@ FLUID_TESTS = {
 
 STRESS = ("PXX", "PXY", "PYX", "PYY")
 COMPONENTS = {"fluid": ("vx", "vy", "p"), "solid": ("ux", "uy"), "fsi": ("ux", "uy", "vx", "vy", "p")}
+PRESSURE = "Pressure"  # end of the name of a mixed solid's pressure
+VOLUME = 4  # number of a mixed solid's pressure among its arguments, and of its equation of the volume among its fluxes
 
 # Keys that are no numbers of the mathematics and stay in Python.
 PYTHON_ONLY = ("solver.time_limit",)
-# Last words of the keys whose values must be above zero: the scene says so too, but the script may be run without it.
-POSITIVE = (
-    "density",
-    "viscosity",
-    "length",
-    "height",
-    "width",
-    "radius",
-    "thickness",
-    "size",
-    "young_modulus",
-    "lame_mu",
-    "growth",
-)
-LIMITS: dict[str, tuple[float | int | None, float | int | None]] = {
-    "mesh.level": (0, 4),
-    "mesh.size_factor": (1e-3, 1e3),
-    "solver.max_iterations": (1, 1000),
-}
 
 
 @dataclass(frozen=True)
@@ -76,6 +60,7 @@ class Parameter:
     key: str
     value: float | int
     index: int
+    limits: Quantity | Count
 
     @property
     def flag(self) -> str:
@@ -99,25 +84,46 @@ class Parameter:
         return 0 if self.key.startswith(("geometry.", "mesh.", "solver.")) else 1
 
     @property
-    def positive(self) -> bool:
-        """Whether the script accepts only values above zero."""
-        return self.key.endswith(POSITIVE)
-
-    @property
-    def minimum(self) -> float | int | None:
-        """Smallest value that the script accepts."""
-        return LIMITS.get(self.key, (None, None))[0]
-
-    @property
-    def maximum(self) -> float | int | None:
-        """Largest value that the script accepts."""
-        return LIMITS.get(self.key, (None, None))[1]
+    def conditions(self) -> list[tuple[str, str]]:
+        """What the script checks, as the scene does: a condition that a wrong value fulfils, and the words for it."""
+        if isinstance(self.limits, Count):
+            bounds: list[tuple[str, float | None, str]] = [
+                ("<", self.limits.minimum, "at least"),
+                (">", self.limits.maximum, "at most"),
+            ]
+        else:
+            bounds = [
+                ("<=", self.limits.above, "greater than"),
+                ("<", self.limits.at_least, "at least"),
+                (">=", self.limits.below, "less than"),
+            ]
+        return [
+            (f"{self.variable} {sign} {bound:.16g}", f"{words} {bound:g}")
+            for sign, bound, words in bounds
+            if bound is not None
+        ]
 
 
 def parameters(scene: Scene) -> list[Parameter]:
     """Return the run-time parameters of the scene's script, in the scene's order."""
     numbers = {key: value for key, value in scene.parameters().items() if key not in PYTHON_ONLY}
-    return [Parameter(key, value, index) for index, (key, value) in enumerate(numbers.items())]
+    return [Parameter(key, value, index, _limits(scene, key)) for index, (key, value) in enumerate(numbers.items())]
+
+
+def _limits(scene: Scene, key: str) -> Quantity | Count:
+    """Return what the scene's model says about the values of a number."""
+    *path, last = key.split(".")
+    table: Any = scene
+    for name in path:
+        table = table[name] if isinstance(table, dict) else getattr(table, name)
+    field = type(table).model_fields[last]
+    pending = [*field.metadata, field.annotation]
+    while pending:
+        item = pending.pop()
+        if isinstance(item, Quantity | Count):
+            return item
+        pending += [*getattr(item, "__metadata__", ()), *get_args(item)]
+    raise TypeError(f"{key} has no limits: its type must be one of ffsi.scene.units")
 
 
 def parameter_flags(scene: Scene) -> dict[str, float | int]:
@@ -169,10 +175,11 @@ def _environment() -> Environment:
 
 def _context(scene: Scene, mumps: bool) -> dict[str, Any]:
     fluid, fsi = scene.fluid is not None, scene.physics == "fsi"
-    components = COMPONENTS[scene.physics]
+    components = _components(scene)
     outline = boundaries(scene)
     curved = [b for b in outline if b.circle and b.role == "no-slip"]
     wet = [b for b in outline if b.role in ("inlet", "outlet", "no-slip", "interface")]
+    solids = [_solid(scene, name, number) for number, name in _regions(scene) if number > 1]
     mumps = mumps and scene.solver.linear_solver == "mumps"
     return {
         "scene": scene,
@@ -182,14 +189,18 @@ def _context(scene: Scene, mumps: bool) -> dict[str, Any]:
         "parameters": parameters(scene),
         "has_fluid": fluid,
         "fsi": fsi,
-        "solids": [_solid(scene, name, number) for number, name in _regions(scene) if number > 1],
+        "solids": solids,
+        "mixed": [solid for solid in solids if solid["mixed"]],
+        "probes": list(scene.probes),
         "components": components,
         "arguments": _arguments(scene),
         "fluxes": _fluxes(scene),
         "boundaries": outline,
         "regions": [{"number": number, "name": name} for number, name in _regions(scene)],
         "curved": curved,
-        "curved_mesh": [b for b in outline if b.circle or (b.label == 6 and scene.geometry.kind == "channel-cylinder")],
+        "curved_mesh": [b for b in outline if b.circle],
+        "interface_labels": _labels(outline, "interface"),
+        "loaded_labels": _labels(outline, "loaded"),
         "given_geometry": bool(curved) and not fsi,
         "fluid_labels": [b.label for b in wet],
         "parts": [b for b in outline if b.part and b in wet],
@@ -202,6 +213,12 @@ def _context(scene: Scene, mumps: bool) -> dict[str, Any]:
         "momentum": ("vx", "vy") if fluid else ("ux", "uy"),
         **_jacobian(scene),
     }
+
+
+def _components(scene: Scene) -> tuple[str, ...]:
+    """Return the unknown fields; a solid alone has a pressure if it is mixed."""
+    fields = COMPONENTS[scene.physics]
+    return (*fields, "p") if "p" not in fields and any(solid.mixed for solid in scene.solid.values()) else fields
 
 
 def _hyperelastic(scene: Scene) -> bool:
@@ -222,19 +239,26 @@ def _solid(scene: Scene, name: str, region: int) -> dict[str, Any]:
     solid = {
         "name": name,
         "title": name.capitalize(),
+        "flux": f"{'Mixed' if law.mixed else 'Flux'}{name.capitalize()}",
+        "n_arguments": VOLUME + 1 if law.mixed else VOLUME,
+        "mixed": law.mixed,
+        "incompressible": law.incompressible,
         "prefix": prefix,
         "region": region,
         "material": law.material,
         "density": f"{prefix}Density",
     }
     if isinstance(law, CompressibleElastic):
-        solid["lame_lambda"], solid["lame_mu"] = _lame_code(prefix, law.elastic_pair)
+        solid["lame_lambda"], solid["lame_mu"] = _lame_code(prefix, law)
     return solid
 
 
-def _lame_code(prefix: str, pair: tuple[str, str]) -> tuple[str, str]:
-    """Return the Lame constants as formulas of the script's parameters."""
+def _lame_code(prefix: str, law: CompressibleElastic) -> tuple[str, str]:
+    """Return the Lame constants as formulas of the script's parameters; without lambda where J = 1."""
     young, nu, mu = f"{prefix}YoungModulus", f"{prefix}PoissonRatio", f"{prefix}LameMu"
+    if law.incompressible:
+        return "", mu if law.lame_mu is not None else f"{young}/3"
+    pair = law.elastic_pair
     if pair == ("young_modulus", "poisson_ratio"):
         return f"{young}*{nu}/((1+{nu})*(1-2*{nu}))", f"{young}/(2*(1+{nu}))"
     if pair == ("lame_mu", "poisson_ratio"):
@@ -244,7 +268,7 @@ def _lame_code(prefix: str, pair: tuple[str, str]) -> tuple[str, str]:
 
 def _arguments(scene: Scene) -> list[dict[str, Any]]:
     """Return the flux arguments: unknown (None if it is given data), derivative, column in the solids' arguments."""
-    components = COMPONENTS[scene.physics]
+    components = COMPONENTS[scene.physics]  # the pressures of mixed solids are apart
     table = FLUID_ARGUMENTS if scene.fluid else SOLID_ARGUMENTS
     return [
         {
@@ -279,7 +303,10 @@ def _fluxes(scene: Scene) -> list[dict[str, Any]]:
 
 @dataclass
 class _Block:
-    """One block of the Jacobian: the terms that couple a test function with an unknown, by region."""
+    """One block of the Jacobian: the terms that couple a test function with an unknown, by region.
+
+    The pressure of a mixed solid is the unknown ``NAMEPressure``, which is also the script's map from its vertices.
+    """
 
     test: str
     unknown: str
@@ -287,11 +314,11 @@ class _Block:
 
     @property
     def name(self) -> str:
-        return self.test.capitalize() + self.unknown.capitalize()
+        return "".join(word[0].upper() + word[1:] for word in (self.test, self.unknown))
 
     @property
     def spaces(self) -> tuple[str, str]:
-        return ("Ph" if self.unknown == "p" else "Vh", "Ph" if self.test == "p" else "Vh")
+        return (_space(self.unknown), _space(self.test))
 
     @property
     def pattern(self) -> str:
@@ -326,10 +353,18 @@ def _jacobian(scene: Scene) -> dict[str, Any]:
             for k, (_, unknown, derivative) in enumerate(SOLID_ARGUMENTS):
                 add(test, unknown, 1, f"motionC[{4 * m + k}]*({_factor('a', derivative)}*{_factor('b', order)})")
     tests = ("vx", "vx", "vy", "vy") if scene.fluid else ("ux", "ux", "uy", "uy")
-    for region, solid in enumerate(scene.solid, start=2):
-        for m, (test, order) in enumerate(zip(tests, (1, 2, 1, 2), strict=True)):
-            for k, (_, unknown, derivative) in enumerate(SOLID_ARGUMENTS):
-                add(test, unknown, region, f"{solid}C[{4 * m + k}]*({_factor('a', derivative)}*{_factor('b', order)})")
+    for region, (solid, law) in enumerate(scene.solid.items(), start=2):
+        rows = list(zip(tests, (1, 2, 1, 2), strict=True))
+        columns = [(unknown, derivative) for _, unknown, derivative in SOLID_ARGUMENTS]
+        if law.mixed:
+            pressure = (f"{solid}{PRESSURE}", 0)
+            rows, columns = [*rows, pressure], [*columns, pressure]
+        for m, (test, order) in enumerate(rows):
+            for k, (unknown, derivative) in enumerate(columns):
+                if law.incompressible and m == k == VOLUME:
+                    continue  # J = 1 knows no pressure
+                factor = f"{solid}C[{len(columns) * m + k}]"
+                add(test, unknown, region, f"{factor}*({_factor('a', derivative)}*{_factor('b', order)})")
     blocks = list(found.values())
     first: dict[str, int] = {}  # number of the first block of each pattern
     for number, block in enumerate(blocks):
@@ -344,6 +379,8 @@ def _jacobian(scene: Scene) -> dict[str, Any]:
                 "name": block.name,
                 "test": block.test,
                 "unknown": block.unknown,
+                "test_map": block.test if block.test.endswith(PRESSURE) else "",
+                "unknown_map": block.unknown if block.unknown.endswith(PRESSURE) else "",
                 "unknown_space": block.spaces[0],
                 "test_space": block.spaces[1],
                 "pattern": patterns.index(block.pattern),
@@ -352,6 +389,10 @@ def _jacobian(scene: Scene) -> dict[str, Any]:
             for block in blocks
         ],
     }
+
+
+def _space(unknown: str) -> str:
+    return "Ph" if unknown == "p" or unknown.endswith(PRESSURE) else "Vh"
 
 
 def _factor(name: str, derivative: int) -> str:

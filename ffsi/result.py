@@ -16,7 +16,7 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from ffsi import folder, vtu
-from ffsi.fields import Fields
+from ffsi.fields import FLUID, Fields
 from ffsi.folder import InputError
 from ffsi.scene import Scene, load_scene, with_values
 
@@ -117,7 +117,8 @@ class Result:
                 f"{self.directory} holds no fields of point {self.point}: {self.reason or 'nothing was saved'}"
             )
         mesh = read_mesh(self.directory / folder.MESH)
-        return Fields.from_raw(mesh, read_state(self.directory / state, mesh))
+        mixed = [region for region, solid in enumerate(self.scene.solid.values(), start=FLUID + 1) if solid.mixed]
+        return Fields.from_raw(mesh, read_state(self.directory / state, mesh), mixed)
 
     @property
     def state_file(self) -> str | None:

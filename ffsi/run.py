@@ -24,7 +24,7 @@ logger = logging.getLogger(__name__)
 OnEvent = Callable[[Event], None]
 OnResult = Callable[[Result], None]
 CHECKED = (
-    *("momentum", "continuity", "kinematics", "mesh_motion", "dirichlet"),
+    *("momentum", "continuity", "incompressibility", "kinematics", "mesh_motion", "dirichlet"),
     *("drag_difference", "lift_difference", "coefficient_difference"),
 )
 _drawing = threading.Lock()  # matplotlib's text cache is shared between threads

@@ -13,18 +13,22 @@ from ffsi.fields import Fields
 def to_meshio(fields: Fields) -> meshio.Mesh:
     """Return the reference mesh with its fields.
 
-    Point data: `displacement` (m), `velocity` (m/s), `pressure` (Pa); cell data: `region`.
+    Point data: `displacement` (m), `velocity` (m/s), `pressure` (Pa) and, with mixed solids, `solid_pressure` (Pa);
+    cell data: `region`.
 
     Vectors have three components (the third is zero), so that ParaView can warp by `displacement`.
     """
+    point_data = {
+        "displacement": _three(fields.displacement),
+        "velocity": _three(fields.velocity),
+        "pressure": fields.pressure,
+    }
+    if fields.solid_pressure is not None:
+        point_data["solid_pressure"] = fields.solid_pressure
     return meshio.Mesh(
         points=_three(fields.points),
         cells=[("triangle6", fields.cells)],
-        point_data={
-            "displacement": _three(fields.displacement),
-            "velocity": _three(fields.velocity),
-            "pressure": fields.pressure,
-        },
+        point_data=point_data,
         cell_data={"region": [fields.region]},
     )
 
@@ -52,6 +56,7 @@ def read_vtu(path: Path) -> Fields:
         displacement=mesh.point_data["displacement"][:, :2],
         velocity=mesh.point_data["velocity"][:, :2],
         pressure=mesh.point_data["pressure"],
+        solid_pressure=mesh.point_data.get("solid_pressure"),
     )
 
 

@@ -25,7 +25,8 @@ _SMALL_COMPONENT = 1e-3
 class CheckReport:
     """What the reference checker found; every number is relative and None where the scene has no such quantity.
 
-    ``momentum``, ``continuity``, ``kinematics``, ``mesh_motion``: residuals as docs/discretisation.md scales them.
+    ``momentum``, ``continuity``, ``kinematics``, ``mesh_motion``, ``incompressibility`` (volume of mixed solids):
+    residuals as docs/discretisation.md scales them.
     ``dirichlet``: largest deviation from a prescribed value. ``drag_difference``, ``lift_difference``,
     ``coefficient_difference``: reported against recomputed forces. ``min_jacobian``: smallest det F.
     ``forces``: the recomputed forces, both forms. ``failures``: one sentence for each number above ``tolerance``.
@@ -35,6 +36,7 @@ class CheckReport:
     continuity: float | None
     kinematics: float | None
     mesh_motion: float | None
+    incompressibility: float | None
     dirichlet: float
     drag_difference: float | None
     lift_difference: float | None
@@ -60,7 +62,7 @@ def check_state(
     """Check that ``state`` solves ``problem`` on ``mesh`` and that the reported forces are its forces.
 
     ``reported_quantities`` may hold ``drag``, ``lift`` (N per metre depth), ``drag_coefficient``, ``lift_coefficient``;
-    others are ignored. Raises ``ValueError`` if mesh and problem do not fit together.
+    others are ignored. Raises ``ValueError`` if mesh, state and problem do not fit together.
     """
     system = System.build(problem, mesh)
     residual = compute_residual(system, state)
@@ -73,6 +75,7 @@ def check_state(
         continuity=numbers.get("continuity"),
         kinematics=numbers.get("kinematics"),
         mesh_motion=numbers.get("mesh_motion"),
+        incompressibility=numbers.get("incompressibility"),
         dirichlet=dirichlet,
         drag_difference=numbers.get("drag_difference"),
         lift_difference=numbers.get("lift_difference"),
@@ -99,12 +102,13 @@ def check_run(directory: Path, scene: Scene, point: int = 1, tolerance: float = 
 
 
 def _dirichlet(system: System, state: RawState) -> float:
-    """Largest deviation from the prescribed u, v, p, each relative to its own scale."""
+    """Largest deviation from the prescribed u, v, p, ps, each relative to its own scale."""
     rows = system.rows
     return max(
         _deviation(state.u, rows.prescribed.u, rows.u_given),
         _deviation(state.v, rows.prescribed.v, rows.v_given),
         _deviation(state.p, rows.prescribed.p, rows.p_given),
+        _deviation(state.ps, rows.prescribed.ps, rows.ps_given),
     )
 
 
@@ -142,6 +146,7 @@ def _failures(numbers: Mapping[str, float], min_jacobian: float, forces: Forces,
         "continuity": "relative residual of the continuity",
         "kinematics": "largest solid velocity relative to the largest velocity",
         "mesh_motion": "relative residual of the mesh motion",
+        "incompressibility": "relative residual of the volume of mixed solids",
         "dirichlet": "largest relative deviation from a prescribed value",
         "drag_difference": "relative difference between reported and recomputed drag",
         "lift_difference": "relative difference between reported and recomputed lift",

@@ -1,6 +1,7 @@
 """Translation of a scene into the checker's problem."""
 
-from collections.abc import Mapping
+import math
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,13 @@ from ffsi.scene import Scene, boundaries
 
 # Scripts may write their parameters with fewer digits than they compute with.
 _SAME = 1e-9
+
+# The law of each material of a scene, from the scene's solid: a new material has its entry here.
+MATERIALS: dict[str, Callable[[Any], Material]] = {
+    "st-venant-kirchhoff": lambda solid: StVenantKirchhoff(*solid.lame),
+    "neo-hookean": lambda solid: NeoHookean(*solid.lame),
+    "mooney-rivlin": lambda solid: MooneyRivlin(solid.c10, solid.c01, _bulk_modulus(solid)),
+}
 
 
 def problem_from_scene(scene: Scene) -> Problem:
@@ -25,32 +33,39 @@ def problem_from_scene(scene: Scene) -> Problem:
         # A profile may be a constant; nodes need one value each.
         return np.broadcast_to(np.asarray(profile(y) if profile else 0.0, dtype=np.float64), y.shape)
 
-    motion = scene.mesh_motion
     return Problem(
         name=scene.name,
         fluid=Fluid(scene.fluid.density, scene.fluid.viscosity) if scene.fluid else None,
         boundaries=tuple(Boundary(b.name, b.label, b.role, b.part, b.circle) for b in boundaries(scene)),
         solids={
-            region: Solid(solid.density, _material(name, solid))
+            region: Solid(solid.density, _material(name, solid), getattr(solid, "formulation", "displacement"))
             for region, (name, solid) in enumerate(scene.solid.items(), start=FLUID_REGION + 1)
         },
         gravity=(scene.gravity.x, scene.gravity.y) if scene.gravity else (0.0, 0.0),
         outlet=scene.outlet.kind if scene.outlet else None,
-        mesh_motion=MeshMotion(motion.stiffness_exponent, motion.divergence_weight, motion.kind) if motion else None,
+        traction=(scene.traction.x, scene.traction.y) if scene.traction else (0.0, 0.0),
+        mesh_motion=_mesh_motion(scene),
         inflow_profile=inflow_profile if profile else None,
         mean_velocity=scene.inflow.mean_velocity if scene.inflow else None,
         reference_length=scene.forces.reference_length if scene.forces else None,
     )
 
 
+def _mesh_motion(scene: Scene) -> MeshMotion | None:
+    if (motion := scene.mesh_motion) is None:
+        return None
+    return MeshMotion(motion.stiffness_exponent, motion.divergence_weight, motion.kind, motion.distance_exponent)
+
+
 def _material(name: str, solid: Any) -> Material:
-    if solid.material == "st-venant-kirchhoff":
-        return StVenantKirchhoff(*solid.lame)
-    if solid.material == "neo-hookean":
-        return NeoHookean(*solid.lame)
-    if solid.material == "mooney-rivlin":
-        return MooneyRivlin(solid.c10, solid.c01, solid.bulk_modulus)
-    raise ValueError(f"solid.{name}: the reference checker does not know the material {solid.material!r}")
+    if solid.material not in MATERIALS:
+        raise ValueError(f"solid.{name}: the reference checker does not know the material {solid.material!r}")
+    return MATERIALS[solid.material](solid)
+
+
+def _bulk_modulus(solid: Any) -> float:
+    """Return the bulk modulus in pascals; an incompressible solid has none."""
+    return math.inf if solid.bulk_modulus is None else float(solid.bulk_modulus)
 
 
 def refuse_other_parameters(scene: Scene, used: Mapping[str, float]) -> None:

@@ -2,7 +2,8 @@
 
 The argument everywhere is the displacement gradient H = F - I, not F: near rest F^T F - I loses all digits of a small
 strain, H + H^T + H^T H does not. A new material is one subclass of ``Material``: ``energy``, its derivative
-``first_piola``, and ``stiffness``. All formulas are analytic in H, so that a complex step passes through them.
+``first_piola``, and ``stiffness``; or of ``SplitMaterial``, if it shall be usable with a pressure of its own too. All
+formulas are analytic in H, so that a complex step passes through them.
 """
 
 from abc import ABC, abstractmethod
@@ -49,6 +50,11 @@ def determinant(tensor: Array) -> Array:
     return result
 
 
+def dilatation(gradient: Array) -> Array:
+    """J - 1 of the displacement gradient (..., 2, 2), (...)."""
+    return trace(gradient) + determinant(gradient)
+
+
 class Material(ABC):
     """A hyperelastic law; tensors are (..., 2, 2), energies and moduli in pascals."""
 
@@ -64,6 +70,58 @@ class Material(ABC):
     @abstractmethod
     def stiffness(self) -> float:
         """P-wave modulus at rest, which measures rounding errors of the stress."""
+
+
+class SplitMaterial(Material):
+    """A law W = W_0(F) + kappa U(J) whose part U can be handed over to a pressure p = -kappa U'(J) as an unknown.
+
+    With d(U) = U'(J) cof F : dF the stress is P = dW_0/dF + kappa U' cof F = dW_0/dF - p cof F. U'' = 1 at rest, so
+    that ``volume_modulus`` kappa is the whole resistance of U to a change of volume; it is infinite for an
+    incompressible solid, of which only W_0 is used.
+    """
+
+    @abstractmethod
+    def base_energy(self, gradient: Array) -> Array:
+        """Part W_0 of the strain energy, (...), of the displacement gradient (..., 2, 2)."""
+
+    @abstractmethod
+    def base_stress(self, gradient: Array) -> Array:
+        """Stress dW_0/dF, (..., 2, 2), of the displacement gradient; zero at rest."""
+
+    @abstractmethod
+    def volume_energy(self, change: Array) -> Array:
+        """U of the change of volume J - 1, (...)."""
+
+    @abstractmethod
+    def volume_slope(self, change: Array) -> Array:
+        """U' of the change of volume J - 1, (...)."""
+
+    @property
+    @abstractmethod
+    def volume_modulus(self) -> float:
+        """Modulus kappa, pascals; infinite for an incompressible solid."""
+
+    @property
+    @abstractmethod
+    def base_stiffness(self) -> float:
+        """P-wave modulus of W_0 at rest, pascals."""
+
+    def energy(self, gradient: Array) -> Array:
+        """Sum of both parts of the strain energy."""
+        result: Array = self.base_energy(gradient) + self.volume_modulus * self.volume_energy(dilatation(gradient))
+        return result
+
+    def first_piola(self, gradient: Array) -> Array:
+        """Sum of both parts of the stress."""
+        with np.errstate(invalid="ignore"):
+            slope = self.volume_modulus * self.volume_slope(dilatation(gradient))
+            result: Array = self.base_stress(gradient) + slope[..., None, None] * cofactor(IDENTITY + gradient)
+        return result
+
+    @property
+    def stiffness(self) -> float:
+        """Sum of both parts of the modulus."""
+        return self.base_stiffness + self.volume_modulus
 
 
 @dataclass(frozen=True)
@@ -99,37 +157,51 @@ class StVenantKirchhoff(Material):
 
 
 @dataclass(frozen=True)
-class NeoHookean(Material):
-    """Compressible neo-Hookean solid in plane strain, W = mu/2 (I1 - 3 - 2 ln J) + lambda/2 (ln J)^2.
+class NeoHookean(SplitMaterial):
+    """Neo-Hookean solid in plane strain, W_0 = mu/2 (I1 - 3 - 2 ln J), kappa = lambda, U = (ln J)^2 / 2.
 
-    C33 = 1 makes I1 - 3 = |F|^2 - 2. Its derivative is 2 F and that of ln J is F^-T, so P = mu (F - F^-T) +
-    lambda ln J F^-T. Not a number where J <= 0.
+    C33 = 1 makes I1 - 3 = |F|^2 - 2. Its derivative is 2 F and that of ln J is F^-T, so dW_0/dF = mu (F - F^-T); and
+    U' = ln J / J. Not a number where J <= 0.
     """
 
     lame_lambda: float
     lame_mu: float
 
-    def energy(self, gradient: Array) -> Array:
-        """Strain energy from I1 - 3 and ln J."""
-        log = _log_jacobian(gradient)
-        result: Array = self.lame_mu * (0.5 * _first_invariant(gradient) - log) + 0.5 * self.lame_lambda * log**2
+    def base_energy(self, gradient: Array) -> Array:
+        """W_0 from I1 - 3 and ln J."""
+        result: Array = self.lame_mu * (0.5 * _first_invariant(gradient) - _log_jacobian(gradient))
         return result
 
-    def first_piola(self, gradient: Array) -> Array:
-        """Sum of the parts of both moduli."""
-        pressure = self.lame_lambda * _log_jacobian(gradient)[..., None, None]
-        result: Array = self.lame_mu * _excess(gradient) + pressure * _inverse_transposed(gradient)
+    def base_stress(self, gradient: Array) -> Array:
+        """Stress of the shear modulus."""
+        result: Array = self.lame_mu * _excess(gradient)
+        return result
+
+    def volume_energy(self, change: Array) -> Array:
+        """Half the square of ln J."""
+        result: Array = 0.5 * _log1p(change) ** 2
+        return result
+
+    def volume_slope(self, change: Array) -> Array:
+        """The quotient ln J / J."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            result: Array = _log1p(change) / (1.0 + change)
         return result
 
     @property
-    def stiffness(self) -> float:
-        """Return lambda + 2 mu."""
-        return self.lame_lambda + 2.0 * self.lame_mu
+    def volume_modulus(self) -> float:
+        """Return lambda."""
+        return self.lame_lambda
+
+    @property
+    def base_stiffness(self) -> float:
+        """Return 2 mu."""
+        return 2.0 * self.lame_mu
 
 
 @dataclass(frozen=True)
-class MooneyRivlin(Material):
-    """Compressible Mooney-Rivlin solid, W = C10 (J^(-2/3) I1 - 3) + C01 (J^(-4/3) I2 - 3) + K/2 (J - 1)^2.
+class MooneyRivlin(SplitMaterial):
+    """Mooney-Rivlin solid, W_0 = C10 (J^(-2/3) I1 - 3) + C01 (J^(-4/3) I2 - 3), kappa = K, U = (J - 1)^2 / 2.
 
     In plane strain C33 = 1: I1 = 3 + i1 with i1 = |F|^2 - 2 and I2 = 3 + i2 with i2 = i1 + j, j = J^2 - 1. Their
     derivatives are 2 F and 2 F + 2 J^2 F^-T, that of a power is d(J^a) = a J^a F^-T : dF. So
@@ -145,37 +217,47 @@ class MooneyRivlin(Material):
     c01: float
     bulk_modulus: float
 
-    def energy(self, gradient: Array) -> Array:
-        """Strain energy; J^a (3 + i) - 3 = (J^a - 1)(3 + i) + i."""
-        dilatation, log = _dilatation(gradient), _log_jacobian(gradient)
+    def base_energy(self, gradient: Array) -> Array:
+        """W_0 by J^a (3 + i) - 3 = (J^a - 1)(3 + i) + i."""
+        change, log = dilatation(gradient), _log_jacobian(gradient)
         first = _first_invariant(gradient)
-        second = first + dilatation * (2.0 + dilatation)
-        result: Array = (
-            self.c10 * (np.expm1(-2.0 / 3.0 * log) * (3.0 + first) + first)
-            + self.c01 * (np.expm1(-4.0 / 3.0 * log) * (3.0 + second) + second)
-            + 0.5 * self.bulk_modulus * dilatation**2
+        second = first + change * (2.0 + change)
+        result: Array = self.c10 * (np.expm1(-2.0 / 3.0 * log) * (3.0 + first) + first) + self.c01 * (
+            np.expm1(-4.0 / 3.0 * log) * (3.0 + second) + second
         )
         return result
 
-    def first_piola(self, gradient: Array) -> Array:
-        """Sum of the parts of the three constants."""
-        dilatation = _dilatation(gradient)[..., None, None]
+    def base_stress(self, gradient: Array) -> Array:
+        """Sum of the parts of C10 and C01."""
+        change = dilatation(gradient)[..., None, None]
         first = _first_invariant(gradient)[..., None, None]
-        square = dilatation * (2.0 + dilatation)
+        square = change * (2.0 + change)
         with np.errstate(over="ignore", invalid="ignore"):
             power = np.exp(-2.0 / 3.0 * _log_jacobian(gradient))[..., None, None]
             excess, inverse = _excess(gradient), _inverse_transposed(gradient)
-            result: Array = (
-                2.0 * self.c10 * power * (excess - first / 3.0 * inverse)
-                + 2.0 * self.c01 * power**2 * (excess + (square - 2.0 * first) / 3.0 * inverse)
-                + self.bulk_modulus * dilatation * cofactor(IDENTITY + gradient)
+            result: Array = 2.0 * self.c10 * power * (excess - first / 3.0 * inverse) + 2.0 * self.c01 * power**2 * (
+                excess + (square - 2.0 * first) / 3.0 * inverse
             )
         return result
 
+    def volume_energy(self, change: Array) -> Array:
+        """Half the square of J - 1."""
+        result: Array = 0.5 * change**2
+        return result
+
+    def volume_slope(self, change: Array) -> Array:
+        """The change of volume itself."""
+        return change
+
     @property
-    def stiffness(self) -> float:
-        """Return K + 4/3 mu with mu = 2 (C10 + C01)."""
-        return self.bulk_modulus + 8.0 / 3.0 * (self.c10 + self.c01)
+    def volume_modulus(self) -> float:
+        """Return K."""
+        return self.bulk_modulus
+
+    @property
+    def base_stiffness(self) -> float:
+        """Return 4/3 mu with mu = 2 (C10 + C01)."""
+        return 8.0 / 3.0 * (self.c10 + self.c01)
 
 
 @dataclass(frozen=True)
@@ -216,15 +298,15 @@ class PseudoSolid(Material):
         return self.beta + 2.0
 
 
-def _dilatation(gradient: Array) -> Array:
-    """J - 1 of the displacement gradient (..., 2, 2), (...)."""
-    return trace(gradient) + determinant(gradient)
-
-
 def _log_jacobian(gradient: Array) -> Array:
     """ln J of the displacement gradient, (...); not a number where J < 0."""
+    return _log1p(dilatation(gradient))
+
+
+def _log1p(change: Array) -> Array:
+    """ln J of J - 1, (...); not a number where J < 0."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        result: Array = np.log1p(_dilatation(gradient))
+        result: Array = np.log1p(change)
     return result
 
 
@@ -236,7 +318,7 @@ def _first_invariant(gradient: Array) -> Array:
 def _inverse_transposed(gradient: Array) -> Array:
     """F^-T = cof F / J of the displacement gradient, (..., 2, 2)."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        result: Array = cofactor(IDENTITY + gradient) / (1.0 + _dilatation(gradient)[..., None, None])
+        result: Array = cofactor(IDENTITY + gradient) / (1.0 + dilatation(gradient)[..., None, None])
     return result
 
 
@@ -245,8 +327,8 @@ def _excess(gradient: Array) -> Array:
 
     Written ((J - 1) F + H - cof H) / J, because cof F = I + cof H in 2D: so small H keep their digits.
     """
-    dilatation = _dilatation(gradient)[..., None, None]
-    inner = dilatation * (IDENTITY + gradient) + gradient - cofactor(gradient)
+    change = dilatation(gradient)[..., None, None]
+    inner = change * (IDENTITY + gradient) + gradient - cofactor(gradient)
     with np.errstate(divide="ignore", invalid="ignore"):
-        result: Array = inner / (1.0 + dilatation)
+        result: Array = inner / (1.0 + change)
     return result

@@ -1,15 +1,17 @@
 """What the checker must know of a scene: plain numbers in SI units, no files and no unit strings."""
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Literal, get_args
 
 from ffsi.rawfiles import Floats
-from ffsi.reference.materials import Material
+from ffsi.reference.materials import Material, SplitMaterial
 
-Role = Literal["inlet", "outlet", "no-slip", "interface", "clamped", "free"]
+Role = Literal["inlet", "outlet", "no-slip", "interface", "clamped", "free", "loaded"]
 OutletKind = Literal["do-nothing", "zero-traction"]
-MotionKind = Literal["harmonic", "hyperelastic"]
+MotionKind = Literal["harmonic", "linear-elastic", "hyperelastic"]
+Formulation = Literal["displacement", "mixed", "incompressible"]
 FLUID_REGION = 1
 
 
@@ -23,22 +25,48 @@ class Fluid:
 
 @dataclass(frozen=True)
 class Solid:
-    """An elastic solid: reference ``density`` kg/m3 and its material."""
+    """An elastic solid: reference ``density`` kg/m3, its material and the formulation.
+
+    ``mixed`` and ``incompressible`` solids have a pressure of their own as unknown. Raises ``ValueError`` for an
+    unknown formulation and for a material that cannot have it.
+    """
 
     density: float
     material: Material
+    formulation: Formulation = "displacement"
+
+    def __post_init__(self) -> None:
+        """Refuse a formulation that the material cannot have."""
+        if self.formulation not in get_args(Formulation):
+            raise ValueError(f"formulation {self.formulation!r}, accepted: {get_args(Formulation)}")
+        if self.formulation != "displacement" and not isinstance(self.material, SplitMaterial):
+            raise ValueError(f"{type(self.material).__name__} has no {self.formulation} form")
+        if self.formulation == "displacement" and not math.isfinite(self.material.stiffness):
+            raise ValueError(f"{self.material} has no displacement form, its stiffness is infinite")
+        material = self.mixed_material
+        if self.formulation == "mixed" and material and material.volume_modulus in (0.0, math.inf):
+            raise ValueError(f"{self.material} has no mixed form, its volume modulus must be finite and not zero")
+
+    @property
+    def mixed_material(self) -> SplitMaterial | None:
+        """The material of a solid with a pressure of its own; None of one with displacements only."""
+        if self.formulation != "displacement" and isinstance(self.material, SplitMaterial):
+            return self.material
+        return None
 
 
 @dataclass(frozen=True)
 class MeshMotion:
-    """Mesh motion in the fluid: exponent m of the stiffness (A_max/A_K)^m, weight beta of the volume, and the equation.
+    """Mesh motion in the fluid: stiffness (A_max/A_K)^m (d_max/d_K)^n, weight beta of the volume, and the equation.
 
-    ``divergence_weight`` multiplies div u in the harmonic and ln J in the hyperelastic equation.
+    ``stiffness_exponent`` is m, for the area of a triangle; ``distance_exponent`` n, for its distance from the solids.
+    ``divergence_weight`` multiplies div u in the linear equations and ln J in the hyperelastic one.
     """
 
     stiffness_exponent: float
     divergence_weight: float
     kind: MotionKind = "harmonic"
+    distance_exponent: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -56,8 +84,9 @@ class Boundary:
 class Problem:
     """One steady fluid-structure problem.
 
-    ``solids`` by region number (2, 3, ...); ``gravity`` m/s2; ``inflow_profile`` maps y (n,) to the velocity v_x (n,)
-    at the inlet; ``mean_velocity`` and ``reference_length`` scale the force coefficients.
+    ``solids`` by region number (2, 3, ...); ``gravity`` m/s2; ``traction`` the dead load on boundaries with the role
+    loaded, Pa per reference length; ``inflow_profile`` maps y (n,) to the velocity v_x (n,) at the inlet;
+    ``mean_velocity`` and ``reference_length`` scale the force coefficients.
     Raises ``ValueError`` where the pieces do not fit together.
     """
 
@@ -66,6 +95,7 @@ class Problem:
     boundaries: tuple[Boundary, ...]
     solids: Mapping[int, Solid] = field(default_factory=dict)
     gravity: tuple[float, float] = (0.0, 0.0)
+    traction: tuple[float, float] = (0.0, 0.0)
     outlet: OutletKind | None = None
     mesh_motion: MeshMotion | None = None
     inflow_profile: Callable[[Floats], Floats] | None = None
@@ -87,11 +117,20 @@ class Problem:
             raise ValueError(f"{self.name}: outlet kind {self.outlet!r}, accepted: {get_args(OutletKind)}")
         if self.mesh_motion is not None and self.mesh_motion.kind not in get_args(MotionKind):
             raise ValueError(f"{self.name}: mesh motion {self.mesh_motion.kind!r}, accepted: {get_args(MotionKind)}")
+        if self.mesh_motion is not None and self.mesh_motion.distance_exponent and "interface" not in roles:
+            raise ValueError(f"{self.name}: a mesh motion by the distance from the interface, but no interface")
+        if any(self.traction) and "loaded" not in roles:
+            raise ValueError(f"{self.name}: a traction but no loaded boundary")
         labels = [boundary.label for boundary in self.boundaries]
         if len(set(labels)) != len(labels):
             raise ValueError(f"{self.name}: two boundaries have the same label, {sorted(labels)}")
         if wrong := [region for region in self.solids if region <= FLUID_REGION]:
             raise ValueError(f"{self.name}: solid in region {wrong[0]}, solids start at {FLUID_REGION + 1}")
+
+    @property
+    def mixed_regions(self) -> list[int]:
+        """Regions of the solids with a pressure of their own, in the order of their pressures."""
+        return sorted(region for region, solid in self.solids.items() if solid.mixed_material is not None)
 
     def labels(self, role: Role) -> list[int]:
         """Return the boundary labels with a role."""

@@ -65,10 +65,11 @@ def scatter(local: Floats, nodes: Ints, size: int) -> Floats:
 class Residual:
     """Residual of a state.
 
-    ``equations`` by name: momentum, continuity, mesh_motion, those that the scene has; ``kinematics`` the largest
-    velocity in the solids relative to the largest velocity, None without both fluid and solid; ``fluid_force`` (n2, 2)
-    the fluid's momentum alone, without the outlet term, N per metre depth; ``min_jacobian`` the smallest det F at any
-    quadrature point.
+    ``equations`` by name: momentum, continuity, mesh_motion, incompressibility, those that the scene has; the nodes of
+    the last one are those of all pressures of mixed solids, one after the other. ``kinematics`` the largest velocity in
+    the solids relative to the largest velocity, None without both fluid and solid; ``fluid_force`` (n2, 2) the fluid's
+    momentum alone, without the outlet term, N per metre depth; ``min_jacobian`` the smallest det F at any quadrature
+    point.
     """
 
     equations: dict[str, Equation]
@@ -84,14 +85,12 @@ class Residual:
 
 
 def compute_residual(system: System, state: RawState) -> Residual:
-    """Assemble every term of every equation for ``state`` (u, v (n2, 2), p (nv,)).
+    """Assemble every term of every equation for ``state`` (u, v (n2, 2), p (nv,), ps (number of mixed solids, nv)).
 
-    Raises ``ValueError`` if the sizes of the state do not fit the mesh.
+    Raises ``ValueError`` if the sizes of the state do not fit the mesh or the number of mixed solids.
     """
-    n2, nv = system.mesh.n_p2, len(system.mesh.vertices)
-    shapes = (state.u.shape, state.v.shape, state.p.shape)
-    if shapes != ((n2, 2), (n2, 2), (nv,)):
-        raise ValueError(f"state of shapes {shapes} on a mesh of {n2} P2 and {nv} P1 nodes")
+    _refuse_other_sizes(system, state)
+    n2 = system.mesh.n_p2
     total = {"gravity": np.zeros((n2, 2))}
     magnitude, force = np.zeros((n2, 2)), np.zeros((n2, 2))
     equations: dict[str, Equation] = {}
@@ -110,11 +109,26 @@ def compute_residual(system: System, state: RawState) -> Residual:
     for region, solid in system.solids.items():
         jacobians.append(_smallest_jacobian(solid, state))
         local = _solid_momentum(system, solid, state)
-        total[f"stress in region {region}"] = local["stress"]
-        total["gravity"] = total["gravity"] + local["gravity"]
-        magnitude += _spread(solid.law.material.stiffness * _largest(state.u, solid.elements), solid.elements, n2)
+        total["gravity"] = total["gravity"] + local.pop("gravity")
+        total |= {f"{name} in region {region}": term for name, term in local.items()}
+        magnitude += _solid_magnitude(solid, state)
+    if system.problem.labels("loaded"):
+        total["traction"] = _traction(system)
+    if system.problem.mixed_regions:
+        equations["incompressibility"] = _incompressibility(system, state)
     equations["momentum"] = Equation(total, system.rows.momentum, magnitude)
     return Residual(equations, _kinematics(system, state), force, float(min(jacobians)))
+
+
+def _refuse_other_sizes(system: System, state: RawState) -> None:
+    n2, nv = system.mesh.n_p2, len(system.mesh.vertices)
+    shapes = (state.u.shape, state.v.shape, state.p.shape)
+    if shapes != ((n2, 2), (n2, 2), (nv,)) or state.ps.shape[1:] != (nv,):
+        raise ValueError(f"state of shapes {(*shapes, state.ps.shape)} on a mesh of {n2} P2 and {nv} P1 nodes")
+    if len(state.ps) != (expected := len(system.problem.mixed_regions)):
+        raise ValueError(
+            f"{system.problem.name}: the state has pressures of {len(state.ps)} mixed solids, the problem {expected}"
+        )
 
 
 def _flow(fluid: FluidPart, state: RawState) -> terms.Flow:
@@ -136,9 +150,7 @@ def _continuity(system: System, fluid: FluidPart, flow: terms.Flow, state: RawSt
     elements, nv = fluid.elements, len(system.mesh.vertices)
     local = terms.continuity(elements, flow)
     assembled = {name: scatter(term[..., None], elements.vertices, nv) for name, term in local.items()}
-    fluxes = _largest(state.v, elements) * np.sqrt(elements.area)
-    magnitude = scatter(np.repeat(fluxes[:, None, None], 3, axis=1), elements.vertices, nv)
-    return Equation(assembled, system.rows.continuity, magnitude)
+    return Equation(assembled, system.rows.continuity, _fluxes(state.v, elements, nv))
 
 
 def _mesh_motion(system: System, fluid: FluidPart, motion: MeshMotion, state: RawState) -> Equation:
@@ -151,8 +163,38 @@ def _mesh_motion(system: System, fluid: FluidPart, motion: MeshMotion, state: Ra
 
 def _solid_momentum(system: System, solid: SolidPart, state: RawState) -> dict[str, Floats]:
     nodes = solid.elements.nodes
-    local = terms.solid_momentum(solid.law, system.problem.gravity, solid.elements, state.u[nodes])
+    pressure = _solid_pressure(solid, state)
+    local = terms.solid_momentum(solid.law, system.problem.gravity, solid.elements, state.u[nodes], pressure)
     return {name: scatter(term, nodes, system.mesh.n_p2) for name, term in local.items()}
+
+
+def _solid_pressure(solid: SolidPart, state: RawState) -> Floats:
+    """Pressure at the vertices of the solid's triangles, (n, 3) pascals; (n, 0) for a solid without one."""
+    if solid.pressure is None:
+        return np.zeros((len(solid.elements), 0))
+    pressure: Floats = state.ps[solid.pressure][solid.elements.vertices]
+    return pressure
+
+
+def _traction(system: System) -> Floats:
+    mesh = system.mesh
+    loaded = np.isin(mesh.label, system.problem.labels("loaded"))
+    start, end = mesh.vertices[mesh.edges[loaded]].transpose(1, 0, 2)
+    length = np.hypot(*(end - start).T)
+    return scatter(terms.traction(system.problem.traction, length), mesh.edge_nodes[loaded], mesh.n_p2)
+
+
+def _incompressibility(system: System, state: RawState) -> Equation:
+    """Volume of all mixed solids: the nodes of their pressures, one solid after the other."""
+    mixed, nv = [system.solids[region] for region in system.problem.mixed_regions], state.ps.shape[1]
+    parts = []
+    for solid in mixed:
+        elements, u, p = solid.elements, state.u[solid.elements.nodes], _solid_pressure(solid, state)
+        local = terms.incompressibility(solid.law, elements, u, p)
+        parts.append({name: scatter(term[..., None], elements.vertices, nv) for name, term in local.items()})
+    assembled = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    magnitude = np.concatenate([_fluxes(state.u, solid.elements, nv) for solid in mixed])
+    return Equation(assembled, system.rows.incompressibility.ravel(), magnitude)
 
 
 def _smallest_jacobian(solid: SolidPart, state: RawState) -> float:
@@ -177,10 +219,28 @@ def _fluid_magnitude(fluid: FluidPart, state: RawState) -> Floats:
     return _spread(size, elements, len(state.u))
 
 
+def _solid_magnitude(solid: SolidPart, state: RawState) -> Floats:
+    """Size of the single nodal contributions to a solid's momentum row, (n2, 2)."""
+    elements, material = solid.elements, solid.law.mixed_material
+    strain = _largest(state.u, elements)
+    if material is None:
+        size = solid.law.material.stiffness * strain
+    else:
+        pressure = np.abs(_solid_pressure(solid, state)).max(axis=1)
+        size = material.base_stiffness * strain + pressure * np.sqrt(elements.area)
+    return _spread(size, elements, len(state.u))
+
+
 def _largest(values: Floats, elements: Elements) -> Floats:
     """Largest absolute nodal component on each triangle, (n,)."""
     largest: Floats = np.abs(values[elements.nodes]).max(axis=(1, 2))
     return largest
+
+
+def _fluxes(values: Floats, elements: Elements, nv: int) -> Floats:
+    """Size of the single contributions to a row that balances the fluxes of a P2 vector, (nv, 1)."""
+    size = _largest(values, elements) * np.sqrt(elements.area)
+    return scatter(np.repeat(size[:, None, None], 3, axis=1), elements.vertices, nv)
 
 
 def _spread(size: Floats, elements: Elements, n2: int) -> Floats:

@@ -1,7 +1,8 @@
 """Newton's method on the checker's own residual, for small cases from rest.
 
-The Jacobian is assembled from element matrices (27 local unknowns in the fluid) which differentiate the element
-residual numerically, by central divided differences or by a complex step; both know nothing of the formulas inside.
+The Jacobian is assembled from element matrices (27 local unknowns in the fluid, 12 or 15 in a solid) which
+differentiate the element residual numerically, by central divided differences or by a complex step; both know nothing
+of the formulas inside.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -34,7 +35,7 @@ class Solution:
     """A converged state and Newton's history, one entry per iteration.
 
     ``residuals``: the largest relative residual of any equation before each correction and at the end;
-    ``corrections``: norm of the correction relative to the unknowns, the largest of u, v, p; ``steps``: its length.
+    ``corrections``: norm of the correction relative to the unknowns, the largest of u, v, p, ps; ``steps``: its length.
     """
 
     state: RawState
@@ -91,8 +92,9 @@ def solve(
 
 
 def jacobian(system: System, state: RawState, method: Method) -> csc_array:
-    """Jacobian of ``residual_vector`` by the unknowns in the order u, v, p, (4 n2 + nv, 4 n2 + nv)."""
-    size = 4 * system.mesh.n_p2 + len(system.mesh.vertices)
+    """Jacobian of ``residual_vector`` by the unknowns in the order u, v, p, ps, (N, N)."""
+    source, given = _row_sources(system)
+    size = len(source)
     rows, columns, values = [], [], []
     for group in _groups(system, state):
         matrices = _differentiate(group, method)
@@ -102,26 +104,23 @@ def jacobian(system: System, state: RawState, method: Method) -> csc_array:
         values.append(matrices.ravel())
     entries = (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns)))
     equations = coo_array(entries, shape=(size, size)).tocsr()
-    source, given = _row_sources(system)
     identity = diags_array(given.astype(float))
     result: csc_array = (diags_array((~given).astype(float)) @ equations[source] + identity).tocsc()
     return result
 
 
 def residual_vector(system: System, state: RawState, residual: Residual) -> Floats:
-    """Residual of every unknown's row, (4 n2 + nv,), in the order u, v, p.
+    """Residual of every unknown's row, (N,) with N = 4 n2 + nv + number of mixed solids nv, in the order u, v, p, ps.
 
     The rows of u hold the mesh motion in the fluid and the momentum in solids; those of v the momentum in the fluid and
-    the kinematics in solids; those of p the continuity. A prescribed unknown's row is its deviation.
+    the kinematics in solids; those of p the continuity, those of ps the volume of mixed solids. A prescribed unknown's
+    row is its deviation.
     """
-    motion = residual.equations.get("mesh_motion")
-    mass = residual.equations.get("continuity")
+    names = {"mesh_motion": state.u.size, "momentum": state.v.size, "continuity": state.p.size}
+    names["incompressibility"] = state.ps.size
+    found = residual.equations
     equations = np.concatenate(
-        [
-            motion.residual.ravel() if motion else np.zeros(state.u.size),
-            residual.equations["momentum"].residual.ravel(),
-            mass.residual.ravel() if mass else np.zeros(state.p.size),
-        ]
+        [found[name].residual.ravel() if name in found else np.zeros(size) for name, size in names.items()]
     )
     source, given = _row_sources(system)
     # The prescribed v is zero in solids, so the kinematics v = 0 is a deviation like the boundary conditions.
@@ -135,20 +134,21 @@ def _impose(rows: Rows, state: RawState) -> RawState:
         u=np.where(rows.u_given[:, None], rows.prescribed.u, state.u),
         v=np.where(v_given[:, None], rows.prescribed.v, state.v),
         p=np.where(rows.p_given, rows.prescribed.p, state.p),
+        ps=np.where(rows.ps_given, rows.prescribed.ps, state.ps),
     )
 
 
 def _row_sources(system: System) -> tuple[Ints, Mask]:
-    """Return the number of every unknown's equation, and whether it has a value instead; both (4 n2 + nv,).
+    """Return the number of every unknown's equation, and whether it has a value instead; both (N,).
 
-    Equations are numbered like the unknowns: mesh motion, momentum, continuity in the order of u, v, p.
+    Equations are numbered like the unknowns: mesh motion, momentum, continuity, volume in the order of u, v, p, ps.
     """
     rows, n2 = system.rows, system.mesh.n_p2
-    source = np.arange(4 * n2 + len(system.mesh.vertices))
+    source = np.arange(4 * n2 + rows.p_given.size + rows.ps_given.size)
     solid_u = np.repeat(rows.momentum & ~rows.u_given & ~rows.mesh_motion, 2)
     source[: 2 * n2][solid_u] += 2 * n2
     given = [np.repeat(rows.u_given, 2), np.repeat(rows.v_given | rows.kinematics, 2), rows.p_given]
-    return source, np.concatenate(given)
+    return source, np.concatenate([*given, rows.ps_given.ravel()])
 
 
 def _groups(system: System, state: RawState) -> Iterator[_Group]:
@@ -197,17 +197,25 @@ def _outlet_group(system: System, fluid: FluidPart, state: RawState) -> _Group:
 
 
 def _solid_group(system: System, solid: SolidPart, state: RawState) -> _Group:
-    """Solid triangles: 12 momentum rows, which belong to the numbers of v, by 12 displacements."""
-    elements = solid.elements
-    columns = _numbers(elements.nodes)
+    """Solid triangles: 12 momentum rows, numbered like v, by 12 displacements; if mixed, 3 volume rows by pressures."""
+    elements, n2 = solid.elements, len(state.u)
+    n = len(elements)
+    numbers = _numbers(elements.nodes)
+    pressures = np.empty((n, 0), dtype=np.int64)
+    if solid.pressure is not None:
+        pressures = 4 * n2 + (1 + solid.pressure) * len(state.p) + elements.vertices
 
     def function(local: Array) -> Array:
-        u = local.reshape(len(local), 6, 2)
-        momentum = terms.solid_momentum(solid.law, system.problem.gravity, elements, u)
-        return _total(momentum).reshape(len(local), 12)
+        u, p = local[:, :12].reshape(n, 6, 2), local[:, 12:]
+        momentum = _total(terms.solid_momentum(solid.law, system.problem.gravity, elements, u, p)).reshape(n, 12)
+        volume = terms.incompressibility(solid.law, elements, u, p)
+        return np.hstack([momentum, _total(volume)]) if volume else momentum
 
-    steps = np.repeat(_CUBE_ROOT * np.sqrt(elements.area)[:, None], 12, axis=1)
-    return _Group(function, _flat(state)[columns], columns, 2 * len(state.u) + columns, steps)
+    steps = np.empty((n, 12 + pressures.shape[1]))
+    steps[:, :12] = _CUBE_ROOT * np.sqrt(elements.area)[:, None]
+    steps[:, 12:] = np.abs(state.ps).max(initial=0.0) or 1.0  # of degree 1 in the pressure: any step is exact
+    columns, rows = np.hstack([numbers, pressures]), np.hstack([2 * n2 + numbers, pressures])
+    return _Group(function, _flat(state)[columns], columns, rows, steps)
 
 
 def _differentiate(group: _Group, method: Method) -> Floats:
@@ -242,8 +250,9 @@ def _correction(system: System, state: RawState, residual: Residual, method: Met
     solution = -columns * factors.solve(rows * deviation)
     _, given = _row_sources(system)
     solution[given] = -deviation[given]  # prescribed values exactly, without the rounding of the elimination
-    cut = 2 * system.mesh.n_p2
-    return RawState(solution[:cut].reshape(-1, 2), solution[cut : 2 * cut].reshape(-1, 2), solution[2 * cut :])
+    cuts = np.cumsum([state.u.size, state.v.size, state.p.size])
+    u, v, p, ps = np.split(solution, cuts)
+    return RawState(u.reshape(-1, 2), v.reshape(-1, 2), p, ps.reshape(state.ps.shape))
 
 
 def damped_step(system: System, state: RawState, correction: RawState) -> tuple[RawState, Residual, float]:
@@ -253,7 +262,7 @@ def damped_step(system: System, state: RawState, correction: RawState) -> tuple[
     """
     step = 1.0
     while step >= _SHORTEST_STEP:
-        new = RawState(state.u + step * correction.u, state.v + step * correction.v, state.p + step * correction.p)
+        new = RawState(*(old + step * change for old, change in zip(_fields(state), _fields(correction), strict=True)))
         residual = compute_residual(system, new)
         if residual.min_jacobian > 0.0:
             return new, residual, step
@@ -262,8 +271,8 @@ def damped_step(system: System, state: RawState, correction: RawState) -> tuple[
 
 
 def _relative_size(correction: RawState, state: RawState) -> float:
-    """Largest norm of the correction relative to the unknowns among u, v, p."""
-    pairs = ((correction.u, state.u), (correction.v, state.v), (correction.p, state.p))
+    """Largest norm of the correction relative to the unknowns among u, v, p, ps."""
+    pairs = zip(_fields(correction), _fields(state), strict=True)
     return max(float(np.linalg.norm(change) / (np.linalg.norm(whole) or 1.0)) for change, whole in pairs)
 
 
@@ -273,7 +282,11 @@ def _numbers(nodes: Ints) -> Ints:
 
 
 def _flat(state: RawState) -> Floats:
-    return np.concatenate([state.u.ravel(), state.v.ravel(), state.p])
+    return np.concatenate([values.ravel() for values in _fields(state)])
+
+
+def _fields(state: RawState) -> tuple[Floats, Floats, Floats, Floats]:
+    return state.u, state.v, state.p, state.ps
 
 
 def _total(local: Mapping[str, Array]) -> Array:

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from ffsi.rawfiles import Floats, Ints, RawMesh, RawState
 from ffsi.reference.elements import Elements
@@ -41,18 +42,21 @@ class Sides:
 class Rows:
     """Which nodes have a row of an equation, and which values are prescribed.
 
-    ``momentum``, ``mesh_motion``, ``kinematics`` (n2,) and ``continuity`` (nv,) are true where the equation has a row.
-    ``u_given``, ``v_given`` (n2,) and ``p_given`` (nv,) are true where ``prescribed`` holds a value that the solution
-    must have. Every node has either a value or a row for each of u, v, p.
+    ``momentum``, ``mesh_motion``, ``kinematics`` (n2,), ``continuity`` (nv,) and ``incompressibility`` (number of mixed
+    solids, nv) are true where the equation has a row. ``u_given``, ``v_given`` (n2,), ``p_given`` (nv,) and
+    ``ps_given`` (number of mixed solids, nv) are true where ``prescribed`` holds a value that the solution must have.
+    Every node has either a value or a row for each of u, v, p and each pressure of a mixed solid.
     """
 
     momentum: Mask
     continuity: Mask
     kinematics: Mask
     mesh_motion: Mask
+    incompressibility: Mask
     u_given: Mask
     v_given: Mask
     p_given: Mask
+    ps_given: Mask
     prescribed: RawState
 
 
@@ -69,10 +73,11 @@ class FluidPart:
 
 @dataclass(frozen=True)
 class SolidPart:
-    """The triangles of a solid and its law."""
+    """The triangles of a solid, its law and the row ``pressure`` of its pressure in ``RawState.ps``, if it has one."""
 
     law: Solid
     elements: Elements
+    pressure: int | None
 
 
 @dataclass(frozen=True)
@@ -99,7 +104,7 @@ class System:
             raise ValueError(f"{problem.name}: the mesh has the regions {sorted(found)}, expected {sorted(regions)}")
         _check_labels(problem, mesh)
         fluid = _fluid_part(problem.fluid, problem, mesh) if problem.fluid else None
-        solids = {region: SolidPart(law, _elements(mesh, region)) for region, law in problem.solids.items()}
+        solids = {region: _solid_part(problem, mesh, region) for region in problem.solids}
         return cls(problem, mesh, fluid, solids, _rows(problem, mesh, fluid, solids))
 
 
@@ -109,7 +114,7 @@ def _elements(mesh: RawMesh, region: int) -> Elements:
 
 
 def _check_labels(problem: Problem, mesh: RawMesh) -> None:
-    """Refuse a mesh whose outer boundary is not covered by the problem's labels."""
+    """Refuse a mesh whose outer boundary or interface is not covered by the problem's labels."""
     keys, count = np.unique(mesh.sides, return_counts=True)
     known = np.isin(mesh.label, [boundary.label for boundary in problem.boundaries])
     bare = np.setdiff1d(keys[count == 1], mesh.edge_keys[known])
@@ -121,14 +126,38 @@ def _check_labels(problem: Problem, mesh: RawMesh) -> None:
     missing = {boundary.label for boundary in problem.boundaries} - set(mesh.label.tolist())
     if missing:
         raise ValueError(f"{problem.name}: no edge of the mesh has the label {sorted(missing)}")
+    inside = mesh.region == FLUID_REGION
+    wet = np.intersect1d(mesh.sides[inside], mesh.sides[~inside])
+    interface = mesh.edge_keys[np.isin(mesh.label, problem.labels("interface"))]
+    if (bare := np.setdiff1d(wet, interface)).size:
+        raise ValueError(f"{problem.name}: {bare.size} edges between fluid and solid are no interface of the problem")
 
 
 def _fluid_part(law: Fluid, problem: Problem, mesh: RawMesh) -> FluidPart:
     elements = _elements(mesh, FLUID_REGION)
     motion = problem.mesh_motion if problem.solids else None
-    exponent = motion.stiffness_exponent if motion else 0.0
-    alpha: Floats = (elements.area.max() / elements.area) ** exponent
+    alpha = _mesh_stiffness(motion, problem, mesh, elements) if motion else np.ones(len(elements))
     return FluidPart(law, elements, _fluid_sides(mesh), motion, alpha)
+
+
+def _mesh_stiffness(motion: MeshMotion, problem: Problem, mesh: RawMesh, elements: Elements) -> Floats:
+    """Stiffness alpha (n,) of the fluid triangles: (A_max/A_K)^m times (d_max/d_K)^n."""
+    alpha: Floats = (elements.area.max() / elements.area) ** motion.stiffness_exponent
+    if motion.distance_exponent:
+        nodes = np.unique(mesh.edge_nodes[np.isin(mesh.label, problem.labels("interface"))])
+        centroids = mesh.vertices[elements.vertices].mean(axis=1)
+        distance = np.asarray(cKDTree(mesh.p2_coordinates[nodes]).query(centroids)[0])
+        alpha *= (distance.max() / distance) ** motion.distance_exponent
+    return alpha
+
+
+def _solid_part(problem: Problem, mesh: RawMesh, region: int) -> SolidPart:
+    mixed = problem.mixed_regions
+    return SolidPart(
+        law=problem.solids[region],
+        elements=_elements(mesh, region),
+        pressure=mixed.index(region) if region in mixed else None,
+    )
 
 
 def _fluid_sides(mesh: RawMesh) -> Sides:
@@ -173,14 +202,19 @@ def _rows(problem: Problem, mesh: RawMesh, fluid: FluidPart | None, solids: dict
         at = mesh.p2_coordinates[np.flatnonzero(wrong)[0]]
         raise ValueError(f"{problem.name}: the outlet fixes u but not v of the solid at {at.tolist()}")
     none = np.zeros_like(in_solid)
+    nv = len(mesh.vertices)
+    pressed = [_mask(nv, mesh.triangles[mesh.region == region]) for region in problem.mixed_regions]
+    incompressibility = np.array(pressed, dtype=np.bool_).reshape(-1, nv)
     return Rows(
         momentum=~held_v,
         continuity=wet,
         kinematics=in_solid & ~held_v if fluid else none,
         mesh_motion=in_fluid & ~in_solid & ~held_u if solids else none,
+        incompressibility=incompressibility,
         u_given=held_u if solids else np.ones_like(held_u),
         v_given=held_v if fluid else np.ones_like(held_v),
         p_given=~wet,
+        ps_given=~incompressibility,
         prescribed=prescribed,
     )
 
@@ -204,7 +238,8 @@ def _conditions(problem: Problem, mesh: RawMesh) -> tuple[Mask, Mask, RawState]:
             v[nodes, 0] = problem.inflow_profile(mesh.p2_coordinates[nodes.ravel(), 1]).reshape(nodes.shape)
         if boundary.role == "no-slip" and boundary.circle is not None:
             u[nodes[:, 2]] = _onto_circle(boundary, mesh.p2_coordinates[nodes])
-    return held_u, held_v, RawState(u, v, np.zeros(len(mesh.vertices)))
+    nv = len(mesh.vertices)
+    return held_u, held_v, RawState(u, v, np.zeros(nv), np.zeros((len(problem.mixed_regions), nv)))
 
 
 def _onto_circle(boundary: Boundary, points: Floats) -> Floats:

@@ -11,7 +11,16 @@ import numpy as np
 
 from ffsi.rawfiles import Floats
 from ffsi.reference.elements import Elements, gauss_rule, line_basis
-from ffsi.reference.materials import IDENTITY, Array, PseudoSolid, cofactor, determinant, trace, transpose
+from ffsi.reference.materials import (
+    IDENTITY,
+    Array,
+    PseudoSolid,
+    cofactor,
+    determinant,
+    dilatation,
+    trace,
+    transpose,
+)
 from ffsi.reference.problem import Fluid, MeshMotion, Solid
 
 Vector = tuple[float, float]
@@ -98,8 +107,8 @@ def mesh_motion(motion: MeshMotion, alpha: Floats, elements: Elements, u: Array)
 
     harmonic: the derivatives by x, those by y, and the divergence term. They are split by derivative and not by
     component: without the divergence term each component is an equation of its own, so its whole term vanishes at the
-    solution and would be no scale. hyperelastic: the two parts of the pseudo-solid's stress, ``shape`` F - F^-T and
-    ``volume`` beta ln J F^-T, not a number where J <= 0.
+    solution and would be no scale. linear-elastic: these three and the transposed gradient. hyperelastic: the two parts
+    of the pseudo-solid's stress, ``shape`` F - F^-T and ``volume`` beta ln J F^-T, not a number where J <= 0.
     """
     gradient, stiffness = gradient_of(u, elements.gradients), alpha[:, None, None, None]
     if motion.kind == "hyperelastic":
@@ -109,17 +118,53 @@ def mesh_motion(motion: MeshMotion, alpha: Floats, elements: Elements, u: Array)
         divergence = motion.divergence_weight * trace(gradient)[..., None, None] * IDENTITY
         along_x, along_y = gradient * np.array([1.0, 0.0]), gradient * np.array([0.0, 1.0])
         fluxes = {"d/dx": along_x, "d/dy": along_y, "divergence": divergence}
+        if motion.kind == "linear-elastic":
+            fluxes["transposed"] = transpose(gradient)
     return {name: against_gradient(stiffness * flux, elements) for name, flux in fluxes.items()}
 
 
-def solid_momentum(solid: Solid, gravity: Vector, elements: Elements, u: Array) -> dict[str, Array]:
-    """Terms of a solid's momentum, (n, 6, 2) newtons per metre depth: stress and gravity."""
+def solid_momentum(solid: Solid, gravity: Vector, elements: Elements, u: Array, p: Array) -> dict[str, Array]:
+    """Terms of a solid's momentum, (n, 6, 2) newtons per metre depth: stress, gravity and, if mixed, pressure.
+
+    ``p`` (n, 3) is the pressure of a mixed solid, whose stress is dW_0/dF only; its own term is -p cof F. Other solids
+    ignore it.
+    """
     gradient = gradient_of(u, elements.gradients)
     weight = np.broadcast_to(-solid.density * np.array(gravity), (len(u), 7, 2))
-    return {
-        "stress": against_gradient(solid.material.first_piola(gradient), elements),
-        "gravity": against_value(weight, elements),
-    }
+    if (material := solid.mixed_material) is None:
+        fluxes = {"stress": solid.material.first_piola(gradient)}
+    else:
+        pressure = -(p @ elements.p1.T)[..., None, None] * cofactor(IDENTITY + gradient)
+        fluxes = {"stress": material.base_stress(gradient), "pressure": pressure}
+    result = {name: against_gradient(flux, elements) for name, flux in fluxes.items()}
+    return result | {"gravity": against_value(weight, elements)}
+
+
+def incompressibility(solid: Solid, elements: Elements, u: Array, p: Array) -> dict[str, Array]:
+    """Terms of a mixed solid's volume equation c(J, p) = 0, (n, 3) square metres: div u in two parts, and the rest.
+
+    ``p`` (n, 3) is its pressure. Other solids have no such terms.
+    """
+    if (material := solid.mixed_material) is None:
+        return {}
+    gradient = gradient_of(u, elements.gradients)
+    change = dilatation(gradient)
+    constraint = change
+    if solid.formulation == "mixed":
+        constraint = material.volume_slope(change) + p @ elements.p1.T / material.volume_modulus
+    parts = {"du_x/dX": gradient[..., 0, 0], "du_y/dY": gradient[..., 1, 1], "rest": constraint - trace(gradient)}
+    return {name: (part * elements.weights) @ elements.p1 for name, part in parts.items()}
+
+
+def traction(load: Vector, length: Floats) -> Floats:
+    """Work of the dead load (Pa) on edges of ``length`` (n,) metres, with its sign in the momentum; (n, 3, 2).
+
+    The nodes of an edge are its ends and its middle.
+    """
+    points, weights = gauss_rule(3)
+    share = weights @ line_basis(points)[0]
+    result: Floats = -length[:, None, None] * share[:, None] * np.array(load)
+    return result
 
 
 def outlet(viscosity: float, v: Array) -> Array:

@@ -2,19 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import pandas as pd
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from ffsi.report.figures import FAINT, INK
 
 LINES = ("#1b5e9b", "#c8553d", "#3d8b5f", "#8a5a9e", "#b08a1e", "#4a5560")
 MARKERS = ("o", "s", "^", "D", "v", "P")
+NOT_CONVERGED = "not converged"
+FAILURE: dict[str, Any] = {
+    "linestyle": "none",
+    "marker": "x",
+    "markersize": 7,
+    "markeredgewidth": 1.8,
+    "label": NOT_CONVERGED,
+}
 LABELS = {
     "inflow.mean_velocity": "mean inflow velocity (m/s)",
     "mesh.level": "mesh level",
@@ -22,10 +32,12 @@ LABELS = {
     "fluid.density": "fluid density (kg/m³)",
 }
 # Title, axis label, and the columns with their names in the legend.
-PANELS: tuple[tuple[str, str, dict[str, str]], ...] = (
+Panel = tuple[str, str, dict[str, str]]
+PANELS: tuple[Panel, ...] = (
     ("Drag", "force per depth (N/m)", {"drag": "drag"}),
     ("Lift", "force per depth (N/m)", {"lift": "lift"}),
     ("Tip displacement", "displacement (m)", {"tip_ux": "$u_x$", "tip_uy": "$u_y$"}),
+    ("Displacement of the roof's middle", "displacement (m)", {"roof_ux": "$u_x$", "roof_uy": "$u_y$"}),
     (
         "Smallest J = det F",
         "min J",
@@ -35,7 +47,7 @@ PANELS: tuple[tuple[str, str, dict[str, str]], ...] = (
 
 
 def sweep_curves(table: pd.DataFrame, keys: Sequence[str]) -> Figure | None:
-    """Draw drag, lift, tip displacement and min J over the last varied key that takes several values.
+    """Draw forces, displacements and min J over the last varied key that takes several values.
 
     Args:
         table: a sweep's table (`sweep.csv`).
@@ -45,23 +57,43 @@ def sweep_curves(table: pd.DataFrame, keys: Sequence[str]) -> Figure | None:
         The figure, or None if there is nothing to draw. Points that did not converge are marked on the axis.
     """
     along = next((key for key in reversed(keys) if table[key].nunique() > 1), None)
-    solved = table[table["status"] == "converged"]
-    panels = [
-        (title, label, wanted)
-        for title, label, columns in PANELS
-        if (wanted := _present(solved, columns)) and not solved.empty
-    ]
+    panels = _with_values(PANELS, table)
     if along is None or not panels:
         return None
     groups = _groups(table, [key for key in keys if key != along and table[key].nunique() > 1])
-    rows = (len(panels) + 1) // 2
-    figure = Figure(figsize=(11, 3.5 * rows), layout="constrained", facecolor="white")
-    grid = np.atleast_1d(figure.subplots(rows, min(2, len(panels)), squeeze=False)).ravel()
-    for axes, (title, label, columns) in zip(grid, panels, strict=False):
-        _panel(axes, groups, along, columns)
+    figure, grid = _grid(len(panels))
+    for axes, (title, label, columns) in zip(grid, panels, strict=True):
+        if _panel(axes, groups, along, columns):
+            _legend(axes)
         _dress(axes, title, LABELS.get(along, along), label)
-    for axes in grid[len(panels) :]:
-        axes.set_visible(False)
+    return figure
+
+
+def compare_sweeps(tables: Mapping[str, pd.DataFrame], along: str, panels: Sequence[Panel]) -> Figure | None:
+    """Draw the same quantities of several sweeps, each panel with one line per sweep and a common legend below.
+
+    Args:
+        tables: the sweeps' tables (`sweep.csv`) by their name in the legend; the lines after the first are dashed.
+        along: the varied key.
+        panels: title, axis label and the one column of each panel.
+
+    Returns:
+        The figure, or None if there is nothing to draw. Points that did not converge are marked on the axis.
+    """
+    shown = _with_values(panels, pd.concat(tables.values()))
+    if not shown:
+        return None
+    figure, grid = _grid(len(shown))
+    for axes, (title, label, columns) in zip(grid, shown, strict=True):
+        _panel(axes, list(tables.items()), along, columns, dashed=True)
+        _dress(axes, title, LABELS.get(along, along), label)
+        axes.sharex(grid[0])
+    entries = _entries(grid)
+    if len(entries) > 1:
+        figure.legend(
+            entries.values(), entries.keys(), loc="outside lower center", ncols=len(entries), frameon=False,
+            fontsize=9, labelcolor=INK,
+        )  # fmt: skip
     return figure
 
 
@@ -105,30 +137,60 @@ def newton_history(history: pd.DataFrame) -> Figure | None:
     return figure
 
 
-def _panel(axes: Axes, groups: Sequence[tuple[str, pd.DataFrame]], along: str, columns: dict[str, str]) -> None:
+def _grid(count: int) -> tuple[Figure, list[Axes]]:
+    rows = (count + 1) // 2
+    figure = Figure(figsize=(11, 3.5 * rows), layout="constrained", facecolor="white")
+    grid = list(np.ravel(figure.subplots(rows, min(2, count), squeeze=False)))
+    for axes in grid[count:]:
+        axes.set_visible(False)
+    return figure, grid[:count]
+
+
+def _with_values(panels: Sequence[Panel], table: pd.DataFrame) -> list[Panel]:
+    solved = table[table["status"] == "converged"]
+    return [(title, label, wanted) for title, label, columns in panels if (wanted := _present(solved, columns))]
+
+
+def _panel(
+    axes: Axes,
+    groups: Sequence[tuple[str, pd.DataFrame]],
+    along: str,
+    columns: dict[str, str],
+    *,
+    dashed: bool = False,
+) -> bool:
+    """Draw the lines of one panel; return whether they need a legend."""
     several = len(groups) > 1
     for i, (group, table) in enumerate(groups):
         table = table.sort_values(along)
-        failed = table[table["status"] != "converged"]
         solved = table[table["status"] == "converged"]
-        for j, (column, name) in enumerate(columns.items()):
+        there = {column: name for column, name in columns.items() if column in table}
+        for j, (column, name) in enumerate(there.items()):
             label = ", ".join(part for part in (name if len(columns) > 1 else "", group) if part)
-            colour = LINES[(i if several else j) % len(LINES)]
-            style: dict[str, Any] = {
-                "linestyle": ("-", "--", ":")[j % 3] if several else "-",
-                "marker": MARKERS[(i if several else j) % len(MARKERS)],
-            }
-            axes.plot(solved[along], solved[column], color=colour, linewidth=1.5, markersize=4.5, label=label, **style)
-        if not failed.empty:
+            number = i if several else j
+            line = ("-", "--", ":")[j % 3] if several else "-"
             axes.plot(
-                failed[along], np.zeros(len(failed)), transform=axes.get_xaxis_transform(), clip_on=False,
-                linestyle="none", marker="x", color=INK, markersize=7, markeredgewidth=1.6,
-                label="not converged" if i == 0 else "_",
+                solved[along], solved[column], color=LINES[number % len(LINES)], label=label, linewidth=1.5,
+                linestyle="--" if dashed and i else line, marker=MARKERS[number % len(MARKERS)], markersize=4.5,
             )  # fmt: skip
-    if any("J" in name or name.startswith("min_jacobian") for name in columns):
+        if there:
+            _mark_failures(axes, table, along, LINES[i % len(LINES)] if several else INK)
+    axes.ticklabel_format(axis="y", scilimits=(-4, 5), useMathText=True)
+    if any(name.startswith("min_jacobian") for name in columns):
         axes.axhline(0, color=LINES[1], linewidth=0.8, linestyle=":")
-    if len(columns) > 1 or several or axes.get_legend_handles_labels()[1].count("not converged"):
-        _legend(axes)
+    return len(columns) > 1 or several or NOT_CONVERGED in _entries([axes])
+
+
+def _mark_failures(axes: Axes, table: pd.DataFrame, along: str, colour: str) -> None:
+    """Mark the points that failed on the axis; those that were not tried because of them are left out."""
+    failed = table[table["status"] != "converged"]
+    if "failure" in failed:
+        failed = failed[failed["failure"] != "not-reached"]
+    if not failed.empty:
+        at = np.zeros(len(failed))
+        axes.plot(
+            failed[along], at, color=colour, transform=axes.get_xaxis_transform(), clip_on=False, zorder=4, **FAILURE
+        )
 
 
 def _present(table: pd.DataFrame, columns: dict[str, str]) -> dict[str, str]:
@@ -161,9 +223,17 @@ def _dress(axes: Axes, title: str, x: str, y: str) -> None:
 
 
 def _legend(axes: Axes) -> None:
-    handles, labels = axes.get_legend_handles_labels()
-    known = {
-        label: handle for handle, label in zip(handles, labels, strict=True) if label and not label.startswith("_")
-    }
-    if known:
-        axes.legend(known.values(), known.keys(), frameon=False, fontsize=9, labelcolor=INK)
+    if entries := _entries([axes]):
+        axes.legend(entries.values(), entries.keys(), frameon=False, fontsize=9, labelcolor=INK)
+
+
+def _entries(grid: Sequence[Axes]) -> dict[str, Artist]:
+    """Return the legend's entries, each once, the mark of failures last."""
+    found: dict[str, Artist] = {}
+    for axes in grid:
+        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
+            if label and not label.startswith("_"):
+                found.setdefault(label, handle)
+    if found.pop(NOT_CONVERGED, None) is not None:
+        found[NOT_CONVERGED] = Line2D([], [], color=INK, **FAILURE)
+    return found

@@ -13,8 +13,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, ScalarFormatter
 from matplotlib.tri import LinearTriInterpolator, Triangulation
 from numpy.typing import NDArray
+from PIL import Image
 
-from ffsi.fields import FLUID, Fields, FloatArray
+from ffsi.fields import FLUID, Fields, FloatArray, IntArray
 
 logger = logging.getLogger(__name__)
 
@@ -24,7 +25,10 @@ DASHED = "#b3402a"
 SOLID_COLOURS = ("#c9c3b8", "#aeb6bd", "#bfc8b5")
 WIDTH = 11.0  # inches
 _LONG = 2.0  # above this ratio of length to height the colour bar lies below the picture
-_ARROWS = 34  # arrows along the longer side
+_ALONG = 38  # at most so many arrows along the longer side
+_ARROWS = 350  # at most about so many in all
+_ROW_GAP = 0.85  # distance of the rows of arrows, in distances along a row
+_COARSEST = 50  # dots per inch
 STEPS = [1, 2, 2.5, 5, 10]  # of the numbers on axes and colour bars
 _EDGES = np.array([[0, 3, 1], [1, 4, 2], [2, 5, 0]])  # of a quadratic triangle in VTK's order
 
@@ -50,6 +54,31 @@ def to_png(figure: Figure, dpi: int = 150) -> bytes:
     """Return the figure as PNG."""
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", dpi=dpi)
+    return buffer.getvalue()
+
+
+def to_small_png(figure: Figure, dpi: int = 150, maximum: int = 150_000) -> bytes:
+    """Return the figure as PNG of at most `maximum` bytes: if need be with a palette of 256 colours, then coarser."""
+    data = to_png(figure, dpi)
+    if len(data) > maximum:
+        data = _with_palette(data)
+    while len(data) > maximum and dpi > _COARSEST:
+        dpi = max(_COARSEST, int(0.98 * dpi * np.sqrt(maximum / len(data))))
+        data = _with_palette(to_png(figure, dpi))
+    return data
+
+
+def _with_palette(png: bytes) -> bytes:
+    """Return a picture with 256 colours: a third of the size, hardly a difference to the eye. White stays white."""
+    with Image.open(io.BytesIO(png)) as opened:
+        image = opened.convert("RGB")
+    part = image.resize((-(-image.width // 4), -(-image.height // 4)), Image.Resampling.NEAREST)  # enough, and faster
+    palette = part.quantize(256, kmeans=1)
+    colours = np.reshape(palette.getpalette() or [], (-1, 3))
+    colours[(colours > 247).all(axis=1)] = 255
+    palette.putpalette(colours.ravel().tolist())
+    buffer = io.BytesIO()
+    image.quantize(palette=palette, dither=Image.Dither.NONE).save(buffer, "png", optimize=True)
     return buffer.getvalue()
 
 
@@ -91,7 +120,7 @@ def displacement(fields: Fields, title: str = "") -> Figure:
     axes.add_collection(LineCollection(_mesh_lines(fields, ~solid), colors=INK, linewidths=width, alpha=0.35))
     axes.add_collection(LineCollection(_mesh_lines(fields, solid), colors=INK, linewidths=width, alpha=0.6))
     for region in _solid_regions(fields):
-        before = _outline(fields, fields.region == region, fields.points)
+        before = [fields.points[loop] for loop in _loops(_outer_edges(fields, fields.region == region))]
         axes.add_collection(LineCollection(before, colors=DASHED, linewidths=1.1, linestyles="dashed", zorder=6))
         axes.add_collection(
             LineCollection(_outline(fields, fields.region == region), colors=INK, linewidths=1.4, zorder=5)
@@ -128,7 +157,7 @@ def _canvas(fields: Fields, title: str, window: tuple[FloatArray, FloatArray] | 
     axes.set_xlabel("x (m)", color=INK)
     axes.set_ylabel("y (m)", color=INK)
     axes.xaxis.set_major_locator(MaxNLocator(8, steps=STEPS))
-    axes.yaxis.set_major_locator(MaxNLocator(4 if length > _LONG * height else 8, steps=STEPS))
+    axes.yaxis.set_major_locator(MaxNLocator(int(np.clip(24 * ratio, 4, 8)), steps=STEPS))
     axes.tick_params(colors=INK, labelsize=9, width=0.6)
     for side in axes.spines.values():
         side.set_visible(False)
@@ -163,9 +192,12 @@ def _triangulation(fields: Fields, selected: NDArray[np.bool_]) -> Triangulation
 def _arrows(axes: Axes, triangulation: Triangulation, vectors: FloatArray) -> None:
     used = np.unique(triangulation.triangles)
     x, y = triangulation.x[used], triangulation.y[used]
-    step = max(float(np.ptp(x)), float(np.ptp(y))) / _ARROWS
+    length, height = float(np.ptp(x)), float(np.ptp(y))
+    step = max(max(length, height) / _ALONG, np.sqrt(length * height / (_ROW_GAP * _ARROWS)))
     grid_x, grid_y = np.meshgrid(
-        np.arange(x.min() + step / 2, x.max(), step), _centred(float(y.min()), float(y.max()), step), indexing="xy"
+        _centred(float(x.min()), float(x.max()), step),
+        _centred(float(y.min()), float(y.max()), _ROW_GAP * step),
+        indexing="xy",
     )
     try:
         along, across = (
@@ -182,13 +214,13 @@ def _arrows(axes: Axes, triangulation: Triangulation, vectors: FloatArray) -> No
     shorten = 0.95 * step / top * np.sqrt(top / speed[keep])  # length ~ sqrt(speed), so that slow regions stay readable
     axes.quiver(
         *(grid_x[keep], grid_y[keep], along[keep] * shorten, across[keep] * shorten),
-        angles="xy", scale_units="xy", scale=1.0, units="inches", width=0.018, headwidth=4.5, headlength=5,
-        headaxislength=4.5, pivot="middle", facecolor=INK, edgecolor="white", linewidth=0.35, zorder=3,
+        angles="xy", scale_units="xy", scale=1.0, units="inches", width=0.015, headwidth=4.5, headlength=5,
+        headaxislength=4.5, minlength=0.5, pivot="middle", facecolor=INK, edgecolor="white", linewidth=0.3, zorder=3,
     )  # fmt: skip
 
 
 def _centred(low: float, high: float, step: float) -> FloatArray:
-    count = max(1, int((high - low) / step))
+    count = max(1, round((high - low) / step))
     return np.asarray(low + (np.arange(count) + 0.5) * (high - low) / count)
 
 
@@ -203,10 +235,17 @@ def _pressure_levels(values: FloatArray) -> tuple[FloatArray, str]:
 
 
 def _every_other(levels: FloatArray) -> FloatArray:
-    """Return at most nine of the levels, evenly spaced and with zero among them if it is a level."""
-    stride = -(-len(levels) // 9)
+    """Return at most nine of the levels, a round distance apart and with zero among them if it is a level."""
+    step = float(levels[1] - levels[0])
+    least = -(-len(levels) // 9)
+    stride = next(stride for stride in range(least, 10 * least + 1) if _is_round(stride * step))
     zero = int(np.abs(levels).argmin())
     return levels[(zero % stride) :: stride]
+
+
+def _is_round(value: float) -> bool:
+    leading = value / 10 ** np.floor(np.log10(value) + 1e-9)
+    return bool(np.isclose(leading, [1, 2, 2.5, 5]).any())
 
 
 def _solids(axes: Axes, fields: Fields) -> None:
@@ -229,11 +268,33 @@ def _solid_regions(fields: Fields) -> list[int]:
     return [int(region) for region in np.unique(fields.region) if region != FLUID]
 
 
-def _outline(fields: Fields, selected: NDArray[np.bool_], at: FloatArray | None = None) -> list[FloatArray]:
-    """Edges that belong to one selected triangle only, each (3, 2): start, middle, end."""
+def _outline(fields: Fields, selected: NDArray[np.bool_]) -> list[FloatArray]:
+    """Edges that belong to one selected triangle only, each (3, 2): start, middle, end on the deformed mesh."""
+    return list(fields.deformed[_outer_edges(fields, selected)])
+
+
+def _outer_edges(fields: Fields, selected: NDArray[np.bool_]) -> IntArray:
+    """Return the nodes (n, 3) of the edges that belong to one selected triangle only: start, middle, end."""
     nodes = fields.cells[selected][:, _EDGES].reshape(-1, 3)
     _, first, count = np.unique(nodes[:, 1], return_index=True, return_counts=True)
-    return list((fields.deformed if at is None else at)[nodes[first[count == 1]]])
+    return np.asarray(nodes[first[count == 1]])
+
+
+def _loops(edges: IntArray) -> list[list[int]]:
+    """Join directed edges (n, 3) to closed lines of nodes, as a dashed line needs them."""
+    rest: dict[int, list[tuple[int, int]]] = {}
+    for start, middle, end in edges.tolist():
+        rest.setdefault(start, []).append((middle, end))
+    loops = []
+    while rest:
+        loop = [next(iter(rest))]
+        while loop[-1] in rest:
+            start = loop[-1]
+            loop.extend(rest[start].pop())
+            if not rest[start]:
+                del rest[start]
+        loops.append(loop)
+    return loops
 
 
 def _mesh_lines(fields: Fields, selected: NDArray[np.bool_]) -> list[FloatArray]:

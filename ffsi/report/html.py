@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import datetime
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,7 @@ from ffsi import folder
 from ffsi.folder import InputError
 from ffsi.references import references_for
 from ffsi.render import package_version
-from ffsi.report import curves, figures
+from ffsi.report import curves, figures, formulas
 from ffsi.result import Result, flatten, load_result, load_results, unit
 
 CAPTIONS = {
@@ -63,7 +63,8 @@ class Section:
     pictures: list[dict[str, str]] = field(default_factory=list)
     curves: list[dict[str, str]] = field(default_factory=list)
     newton: list[dict[str, str]] = field(default_factory=list)
-    formulas: dict[str, str] | None = None
+    remarks: list[formulas.Remark] = field(default_factory=list)
+    solid_remark: str = ""
 
 
 def write_report(directories: Iterable[str | Path], output: str | Path, title: str | None = None) -> None:
@@ -113,7 +114,8 @@ def _run(result: Result) -> Section:
             ("relative", "value"), {key: _sign(value) for key, value in data["check"].items() if value is not None}
         ),
         timings=_timings(data),
-        formulas=_formulas(result),
+        remarks=_formulas(result),
+        solid_remark=formulas.solid_remark(result),
     )
     if result.state_file is not None:
         section.pictures = [_image(result.picture(name), CAPTIONS[name]) for name in figures.available(result.fields)]
@@ -164,6 +166,7 @@ def _table(directory: Path, results: Sequence[Result], keys: Sequence[str]) -> p
 
 def _points(table: pd.DataFrame, keys: Sequence[str]) -> Rows:
     wanted = [*keys, "status", "drag", "lift", "drag_coefficient", "lift_coefficient", "tip_ux", "tip_uy"]
+    wanted += ["roof_ux", "roof_uy"]
     jacobians = [str(name) for name in table if str(name).startswith("min_jacobian")]
     wanted += [*(name for name in jacobians if not name.endswith(("_x", "_y"))), "check_maximum", "seconds"]
     columns = [name for name in dict.fromkeys(wanted) if name in table and table[name].notna().any()]
@@ -219,41 +222,13 @@ def _pairs(head: tuple[str, str], values: Mapping[str, Any]) -> Rows | None:
     )
 
 
-def _formulas(result: Result) -> dict[str, str] | None:
-    """Return the numbers for the section about the paper's formulas, for flap cases only."""
-    scene, values = result.scene, flatten(result.quantities)
-    if scene.geometry.kind != "flap-channel" or scene.fluid is None or scene.forces is None:
-        return None
-    density = scene.fluid.density
-    difference = ""
-    if "drag" in values and "drag_surface" in values and values["drag"]:
-        apart = abs(values["drag_surface"] / values["drag"] - 1)
-        difference = f" (drag: {100 * apart:.2f} % apart on this mesh)"
-    remark = "; with it the paper's viscous part would differ by this factor."
-    if density == 1:
-        remark = ", so the number is the same; in general the factor is μ alone."
-    return {
-        "density": f"{density:g}",
-        "density_remark": remark,
-        "length": f"{scene.forces.reference_length:g}",
-        "difference": difference,
-        "solid": _solid_remark(result, values),
-    }  # fmt: skip
-
-
-def _solid_remark(result: Result, values: Mapping[str, float]) -> str:
-    flap = result.scene.solid.get("flap")
-    if flap is None or flap.material != "st-venant-kirchhoff":
-        return ""
-    text = (
-        "St. Venant-Kirchhoff loses all resistance in strong compression: at the flap's downstream root corner the "
-        "solid collapses (J → 0), and the earlier the finer the root is resolved. The element size there belongs to "
-        "the case"
-    )
-    size = getattr(result.scene.mesh, "root_size", None)
-    text += f" ({size:g} m here)." if size is not None else "."
-    smallest = values.get("min_jacobian_solid")
-    return text + (f" Smallest J in the solid at this point: {smallest:.3f}." if smallest is not None else "")
+def _formulas(result: Result) -> list[formulas.Remark]:
+    """Return where the paper's formulas differ, for flap cases only."""
+    found = formulas.remarks(result.scene)
+    difference = formulas.force_difference(flatten(result.quantities))
+    if found and difference:
+        found[0] = replace(found[0], here=f"{found[0].here} {difference}")
+    return found
 
 
 def _status(result: Result) -> str:

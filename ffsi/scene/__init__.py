@@ -5,16 +5,20 @@ from ffsi.scene.catalogue import CASES
 from ffsi.scene.errors import Problem, SceneError
 from ffsi.scene.expressions import Expression, ExpressionError
 from ffsi.scene.files import load_scene
-from ffsi.scene.flow import Forces, Gravity, Inflow, Outlet
+from ffsi.scene.flow import Forces, Inflow, Outlet
 from ffsi.scene.geometry import (
     Beam,
+    Cantilever,
     ChannelCavity,
     ChannelCylinder,
+    CookMembrane,
     ElementSizes,
     FlapChannel,
     Geometry,
     Physics,
+    Roof,
 )
+from ffsi.scene.loads import Gravity, Traction
 from ffsi.scene.materials import Fluid, MooneyRivlin, NeoHookean, Solid, StVenantKirchhoff
 from ffsi.scene.model import Scene
 from ffsi.scene.numerics import Mesh, MeshMotion, Output, Solver
@@ -25,8 +29,10 @@ __all__ = [
     "CASES",
     "Beam",
     "Boundary",
+    "Cantilever",
     "ChannelCavity",
     "ChannelCylinder",
+    "CookMembrane",
     "ElementSizes",
     "Expression",
     "ExpressionError",
@@ -45,11 +51,13 @@ __all__ = [
     "Physics",
     "Problem",
     "Role",
+    "Roof",
     "Scene",
     "SceneError",
     "Solid",
     "Solver",
     "StVenantKirchhoff",
+    "Traction",
     "boundaries",
     "load_scene",
     "parse_overrides",

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Literal
 if TYPE_CHECKING:
     from ffsi.scene.model import Scene
 
-Role = Literal["inlet", "outlet", "no-slip", "interface", "clamped", "free"]
+Role = Literal["inlet", "outlet", "no-slip", "interface", "clamped", "free", "loaded"]
 
-INLET, OUTLET, WALLS, CYLINDER, SURFACE, CLAMPED, OUTER, LEFT_LIP, RIGHT_LIP = range(1, 10)
+INLET, OUTLET, WALLS, CYLINDER, SURFACE, CLAMPED, OUTER, LEFT_LIP, RIGHT_LIP, ROOF, ROOF_ENDS, LOADED = range(1, 13)
 
 
 @dataclass(frozen=True)
@@ -22,7 +22,7 @@ class Boundary:
         label: edge label in the mesh (table in docs/formats.md).
         role: condition on it (docs/discretisation.md).
         part: body part on which the fluid's force is reported, None if there is none.
-        circle: centre x, centre y and radius in m of a curved no-slip boundary, None if it is straight.
+        circle: centre x, centre y and radius in m of a boundary that is an arc, None if it is straight.
         exact_length: length of the exact curve, m.
     """
 
@@ -37,6 +37,6 @@ class Boundary:
 def boundaries(scene: Scene) -> list[Boundary]:
     """Return the boundaries of the scene, sorted by label.
 
-    A root arc (label 6 of `channel-cylinder`) has no circle: only no-slip boundaries are moved onto theirs.
+    Vertices lie on the circles of all arcs; given displacements move mid-edge nodes of no-slip boundaries only.
     """
     return sorted(scene.geometry.boundaries(scene.physics), key=lambda boundary: boundary.label)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from ffsi.scene.flow import Forces, Gravity, Inflow, Outlet
-from ffsi.scene.geometry import Beam, ChannelCavity, ChannelCylinder, FlapChannel
+from ffsi.scene.flow import Forces, Inflow, Outlet
+from ffsi.scene.geometry import Beam, Cantilever, ChannelCavity, ChannelCylinder, CookMembrane, FlapChannel, Roof
+from ffsi.scene.loads import Gravity, Traction
 from ffsi.scene.materials import Fluid, MooneyRivlin, NeoHookean, Solid, StVenantKirchhoff
 from ffsi.scene.model import Scene
 from ffsi.scene.numerics import Mesh, MeshMotion
@@ -19,18 +20,26 @@ BEAM_MESH = Mesh(growth=0.5, far_size=0.09, body_size=0.012, corner_size=0.001)
 DO_NOTHING = Outlet(kind="do-nothing")
 
 
-def flap(name: str, description: str, solid: Solid, mesh: Mesh) -> Scene:
-    """Return the elastic flap in a channel (Table 1 of the paper) with the given material and mesh."""
+def flap(name: str, description: str, solid: Solid, mesh: Mesh, roof: Solid | None = None) -> Scene:
+    """Return the elastic flap in a channel (Table 1 of the paper) with the given material and mesh.
+
+    Args:
+        name: name of the case.
+        description: one line of text.
+        solid: material of the flap.
+        mesh: element sizes.
+        roof: material of an elastic roof; None for a rigid one. The mean velocity is the last one of the paper's sweep.
+    """
     return Scene(
         name=name,
         description=description,
-        geometry=FlapChannel(),
+        geometry=FlapChannel(roof=Roof() if roof else None),
         mesh=mesh,
         fluid=Fluid(density=1.0, viscosity=1e-3),
-        solid={"flap": solid},
+        solid={"flap": solid, "roof": roof} if roof else {"flap": solid},
         # The mesh must follow a tip that moves by two thirds of the flap's height.
         mesh_motion=MeshMotion(kind="hyperelastic", stiffness_exponent=1.0, divergence_weight=5.0),
-        inflow=Inflow(mean_velocity=0.12),
+        inflow=Inflow(mean_velocity=0.055 if roof else 0.12),
         outlet=DO_NOTHING,
         forces=Forces(reference_length=0.2),
     )
@@ -71,10 +80,18 @@ def _scenes() -> list[Scene]:
     # The paper's bulk modulus, far below the shear modulus of 350 Pa: Poisson's ratio is about -0.93.
     mooney = MooneyRivlin(material="mooney-rivlin", density=1.0, c10=75.0, c01=100.0, bulk_modulus=5.6)
     floor = StVenantKirchhoff(material="st-venant-kirchhoff", density=1000.0, young_modulus=500.0, poisson_ratio=0.4)
+    membrane = NeoHookean(material="neo-hookean", density=1.0, young_modulus=200.0, poisson_ratio=0.35)
+    # Per metre of depth E h^3 / (12 (1 - nu^2)) = 109200 * 0.01^3 / (12 * 0.91) = 0.01 N m, and the load is
+    # P = traction.y * h = traction.y * 0.01 m: the elastica's P L^2 / (E I) with L = 1 m is traction.y in Pa.
+    cantilever = StVenantKirchhoff(
+        material="st-venant-kirchhoff", density=1.0, young_modulus=109200.0, poisson_ratio=0.3
+    )
     return [
         flap("flap-svk", f"{flap_text}, St. Venant-Kirchhoff, rigid roof", svk, FLAP_SVK_MESH),
         flap("flap-neo-hookean", f"{flap_text}, neo-Hookean, rigid roof", neo, FLAP_MESH),
         flap("flap-mooney-rivlin", f"{flap_text}, Mooney-Rivlin, rigid roof", mooney, FLAP_MESH),
+        flap("flap-neo-hookean-roof", f"{flap_text}, neo-Hookean, elastic roof", neo, FLAP_MESH, svk),
+        flap("flap-mooney-rivlin-roof", f"{flap_text}, Mooney-Rivlin, elastic roof", mooney, FLAP_MESH, svk),
         turek("turek-cfd1", "Turek-Hron CFD1: steady flow around a rigid cylinder and beam, Re 20", 0.2),
         turek("turek-cfd2", "Turek-Hron CFD2: steady flow around a rigid cylinder and beam, Re 100", 1.0),
         turek("turek-csm1", "Turek-Hron CSM1: beam under gravity", lame_mu=0.5e6),
@@ -99,6 +116,20 @@ def _scenes() -> list[Scene]:
             inflow=Inflow(mean_velocity=1.0),
             outlet=DO_NOTHING,
             forces=Forces(reference_length=1.0),
+        ),
+        Scene(
+            name="cook",
+            description="Cook's membrane, neo-Hookean; other constants, materials and formulations by --set",
+            geometry=CookMembrane(),
+            solid={"membrane": membrane},
+            traction=Traction(y=4.0),
+        ),
+        Scene(
+            name="cantilever",
+            description="Slender cantilever with a dead load at its tip (elastica)",
+            geometry=Cantilever(),
+            solid={"beam": cantilever},
+            traction=Traction(y=1.0),
         ),
     ]
 

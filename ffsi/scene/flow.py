@@ -1,4 +1,4 @@
-"""What drives the flow: inflow, outlet, gravity; and the scale of the forces."""
+"""What drives the flow, inflow and outlet; and the scale of the forces."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pydantic import Field, field_validator
 from ffsi.scene.base import Table, refuse
 from ffsi.scene.errors import Problem, names, nearest, short
 from ffsi.scene.expressions import Expression, ExpressionError
-from ffsi.scene.units import Acceleration, Length, Speed
+from ffsi.scene.units import Length, Speed
 
 PROFILES = {"parabolic": "1.5 * 4 * y * (H - y) / H^2", "uniform": "1"}
 
@@ -45,13 +45,6 @@ class Outlet(Table):
     kind: Literal["do-nothing", "zero-traction"] = Field(
         description='"do-nothing" (-p n + mu (grad v) n = 0) or "zero-traction" (sigma n = 0)'
     )
-
-
-class Gravity(Table):
-    """Acceleration by gravity, on fluid and solids."""
-
-    x: Acceleration = Field(0.0, description="x component, m/s^2")
-    y: Acceleration = Field(0.0, description="y component, m/s^2")
 
 
 class Forces(Table):

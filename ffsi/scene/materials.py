@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import Annotated, ClassVar, Literal, Self, get_args
 
-from pydantic import Field, model_validator
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from ffsi.scene.base import Table, refuse
 from ffsi.scene.errors import Problem, number_text, short
@@ -29,10 +32,81 @@ class Fluid(Table):
     law: Literal["newtonian"] = Field("newtonian", description='viscosity law: "newtonian"')
 
 
-class Elastic(Table):
-    """A solid with a density."""
+class Elastic(Table, ABC):
+    """A solid with a density; a material derives from it, adds its constants and states `lame`.
+
+    A material's `material` field is its name. Numbers that are fields become parameters of the scene.
+    """
 
     density: Density = Field(description="density in the reference configuration, kg/m^3")
+
+    @property
+    def mixed(self) -> bool:
+        """Whether the solid has a pressure of its own as an unknown."""
+        return False
+
+    @property
+    def incompressible(self) -> bool:
+        """Whether J = 1."""
+        return False
+
+    @property
+    @abstractmethod
+    def lame(self) -> tuple[float, float]:
+        """Lame constants (lambda, mu) at rest, Pa; lambda is infinite where J = 1."""
+
+    @property
+    def young_poisson(self) -> tuple[float, float]:
+        """Young's modulus in Pa and Poisson's ratio, both at rest."""
+        lame_lambda, mu = self.lame
+        nu = 0.5 if math.isinf(lame_lambda) else lame_lambda / (2 * (lame_lambda + mu))
+        return 2 * mu * (1 + nu), nu
+
+    @property
+    def elastic_constants(self) -> dict[str, float]:
+        """All elastic constants at rest, in Pa (Poisson's ratio dimensionless); infinite where J = 1 makes them so."""
+        young, nu = self.young_poisson
+        lame_lambda, mu = self.lame
+        return {
+            "young_modulus": young,
+            "poisson_ratio": nu,
+            "lame_lambda": lame_lambda,
+            "lame_mu": mu,
+            "bulk_modulus": lame_lambda + 2 / 3 * mu,
+        }
+
+    @classmethod
+    def unused_constants(cls, formulation: object) -> tuple[str, ...]:
+        """Return the names of the constants that the material does not have with this formulation."""
+        return ()
+
+
+class WithFormulation(Elastic):
+    """A solid that can have a pressure of its own."""
+
+    volume_constants: ClassVar[tuple[str, ...]]
+    """Names of the constants that an incompressible solid does not have."""
+
+    formulation: Literal["displacement", "mixed", "incompressible"] = Field(
+        "displacement",
+        description='"displacement" (unknown u only), "mixed" (u and the solid\'s pressure, any compressibility '
+        'without locking) or "incompressible" (J = 1 with the solid\'s pressure)',
+    )
+
+    @property
+    def mixed(self) -> bool:
+        """Whether the solid has a pressure of its own as an unknown."""
+        return self.formulation != "displacement"
+
+    @property
+    def incompressible(self) -> bool:
+        """Whether J = 1."""
+        return self.formulation == "incompressible"
+
+    @classmethod
+    def unused_constants(cls, formulation: object) -> tuple[str, ...]:
+        """Return the names of the constants that the material does not have with this formulation."""
+        return cls.volume_constants if formulation == "incompressible" else ()
 
 
 class CompressibleElastic(Elastic):
@@ -44,47 +118,53 @@ class CompressibleElastic(Elastic):
     poisson_ratio: PoissonRatio | None = Field(None, description="Poisson's ratio, dimensionless")
 
     @property
+    def given_constants(self) -> tuple[str, ...]:
+        """Names of the elastic constants that are given, in the order of `ELASTIC_CONSTANTS`."""
+        return tuple(name for name in ELASTIC_CONSTANTS if getattr(self, name) is not None)
+
+    @property
     def elastic_pair(self) -> tuple[str, str]:
         """Names of the two constants that are given."""
-        return next(pair for pair in ELASTIC_PAIRS if set(pair) == set(self._given()))
+        return next(pair for pair in ELASTIC_PAIRS if pair == self.given_constants)
 
     @property
     def lame(self) -> tuple[float, float]:
-        """Lame constants (lambda, mu), Pa."""
-        nu = self.poisson_ratio
-        if nu is None:
-            assert self.lame_lambda is not None and self.lame_mu is not None
-            return self.lame_lambda, self.lame_mu
+        """Lame constants (lambda, mu), Pa; lambda is infinite where J = 1."""
+        nu = 0.5 if self.incompressible else self.poisson_ratio
         if self.lame_mu is not None:
             mu = self.lame_mu
         else:
-            assert self.young_modulus is not None
+            assert self.young_modulus is not None and nu is not None
             mu = self.young_modulus / (2 * (1 + nu))
+        if self.incompressible:
+            return math.inf, mu
+        if nu is None:
+            assert self.lame_lambda is not None
+            return self.lame_lambda, mu
         return 2 * mu * nu / (1 - 2 * nu), mu
 
     @property
     def young_poisson(self) -> tuple[float, float]:
         """Young's modulus in Pa and Poisson's ratio."""
-        if self.young_modulus is not None and self.poisson_ratio is not None:
-            return self.young_modulus, self.poisson_ratio
-        lmbda, mu = self.lame
-        nu = lmbda / (2 * (lmbda + mu)) if self.poisson_ratio is None else self.poisson_ratio
-        return 2 * mu * (1 + nu), nu
+        young, nu = super().young_poisson
+        return self.young_modulus or young, nu if self.poisson_ratio is None else self.poisson_ratio
 
-    def _given(self) -> list[str]:
-        return [name for name in ELASTIC_CONSTANTS if getattr(self, name) is not None]
+    def constant_problems(self) -> list[Problem]:
+        """Return what is wrong with the choice and the values of the elastic constants."""
+        found = pair_problems(self.given_constants)
+        if found or self.lame_lambda is None or self.lame_mu is None or self.lame_lambda > -2 / 3 * self.lame_mu:
+            return found
+        limit = number_text(-2 / 3 * self.lame_mu)
+        text = f"must be greater than -2/3 lame_mu = {limit} Pa (Poisson's ratio above -1)"
+        return [Problem("lame_lambda", text, f"{short(self.lame_lambda)} Pa")]
 
     @model_validator(mode="after")
-    def _one_complete_pair(self) -> Self:
-        refuse(pair_problems(self._given()))
-        if self.lame_lambda is not None and self.lame_mu is not None and not self.lame_lambda > -2 / 3 * self.lame_mu:
-            limit = number_text(-2 / 3 * self.lame_mu)
-            text = f"must be greater than -2/3 lame_mu = {limit} Pa (Poisson's ratio above -1)"
-            refuse([Problem("lame_lambda", text, f"{short(self.lame_lambda)} Pa")])
+    def _sound_constants(self) -> Self:
+        refuse(self.constant_problems())
         return self
 
 
-def pair_problems(given: list[str]) -> list[Problem]:
+def pair_problems(given: Sequence[str]) -> list[Problem]:
     """Return what is wrong with a choice of elastic constants: exactly one pair of `ELASTIC_PAIRS` is accepted."""
     if any(set(pair) == set(given) for pair in ELASTIC_PAIRS):
         return []
@@ -103,34 +183,79 @@ class StVenantKirchhoff(CompressibleElastic):
     material: Literal["st-venant-kirchhoff"] = Field(description='material law: "st-venant-kirchhoff"')
 
 
-class NeoHookean(CompressibleElastic):
-    """Compressible neo-Hookean solid: W = mu/2 (I1 - 3 - 2 ln J) + lambda/2 (ln J)^2, plane strain."""
+class NeoHookean(CompressibleElastic, WithFormulation):
+    """Neo-Hookean solid: W = mu/2 (I1 - 3 - 2 ln J) + lambda/2 (ln J)^2, plane strain.
+
+    Incompressible: W = mu/2 (I1 - 3) with J = 1, and exactly one constant, lame_mu or young_modulus = 3 lame_mu.
+    """
+
+    volume_constants: ClassVar[tuple[str, ...]] = ("lame_lambda", "poisson_ratio")
 
     material: Literal["neo-hookean"] = Field(description='material law: "neo-hookean"')
 
+    def constant_problems(self) -> list[Problem]:
+        """Return what is wrong with the choice and the values of the elastic constants."""
+        if self.incompressible:
+            return self._incompressible_problems()
+        found = super().constant_problems()
+        if self.mixed and not found and not self.lame[0] > 0:
+            key, unit = ("poisson_ratio", "") if self.lame_lambda is None else ("lame_lambda", " Pa")
+            text = (
+                f'must be greater than 0{unit} with formulation = "mixed": the volume equation divides by lame_lambda'
+            )
+            found.append(Problem(key, text, short(getattr(self, key)) + unit))
+        return found
 
-class MooneyRivlin(Elastic):
-    """Compressible Mooney-Rivlin solid, plane strain.
+    def _incompressible_problems(self) -> list[Problem]:
+        unused = [name for name in self.given_constants if name in self.volume_constants]
+        if unused:
+            text = "Poisson's ratio is 1/2; give young_modulus or lame_mu"
+            return [_not_incompressible(name, getattr(self, name), text) for name in unused]
+        accepted = 'formulation = "incompressible" takes exactly one of lame_mu, young_modulus'
+        if not self.given_constants:
+            return [Problem("lame_mu", f"missing; {accepted}")]
+        if len(self.given_constants) > 1:
+            return [Problem("young_modulus", f"given beside lame_mu; {accepted}")]
+        return []
+
+
+class MooneyRivlin(WithFormulation):
+    """Mooney-Rivlin solid, plane strain.
 
     W = C10 (J^(-2/3) I1 - 3) + C01 (J^(-4/3) I2 - 3) + K/2 (J - 1)^2. Poisson's ratio may be far below zero:
-    nothing ties the bulk modulus to the others.
+    nothing ties the bulk modulus to the others. Incompressible: J = 1, and no bulk modulus.
     """
+
+    volume_constants: ClassVar[tuple[str, ...]] = ("bulk_modulus",)
 
     c10: NonNegativeModulus = Field(description="constant C10 of the first invariant, Pa")
     c01: NonNegativeModulus = Field(description="constant C01 of the second invariant, Pa")
-    bulk_modulus: Modulus = Field(description="bulk modulus K, Pa")
+    bulk_modulus: Modulus | None = Field(None, description="bulk modulus K; none if incompressible, Pa")
     material: Literal["mooney-rivlin"] = Field(description='material law: "mooney-rivlin"')
+
+    @field_validator("bulk_modulus")
+    @classmethod
+    def _unless_incompressible(cls, bulk_modulus: float | None, info: ValidationInfo) -> float | None:
+        # Here and not in a validator of the whole, so that it is reported together with other missing constants.
+        formulation = info.data.get("formulation")
+        if formulation == "incompressible" and bulk_modulus is not None:
+            refuse([_not_incompressible("", bulk_modulus, "it is infinite; leave it out")])
+        if formulation in ("displacement", "mixed") and bulk_modulus is None:
+            refuse([Problem("", 'missing; bulk modulus K, Pa (not needed with formulation = "incompressible")')])
+        return bulk_modulus
 
     @property
     def lame(self) -> tuple[float, float]:
-        """Lame constants (lambda, mu) at rest, Pa."""
+        """Lame constants (lambda, mu) at rest, Pa; lambda is infinite where J = 1."""
         mu = 2 * (self.c10 + self.c01)
-        return self.bulk_modulus - 2 / 3 * mu, mu
+        return math.inf if self.bulk_modulus is None else self.bulk_modulus - 2 / 3 * mu, mu
 
     @property
     def young_poisson(self) -> tuple[float, float]:
         """Young's modulus in Pa and Poisson's ratio at rest."""
         bulk, mu = self.bulk_modulus, self.lame[1]
+        if bulk is None:
+            return 3 * mu, 0.5
         return 9 * bulk * mu / (3 * bulk + mu), (3 * bulk - 2 * mu) / (2 * (3 * bulk + mu))
 
     @model_validator(mode="after")
@@ -140,9 +265,12 @@ class MooneyRivlin(Elastic):
         return self
 
 
+def _not_incompressible(key: str, value: float, reason: str) -> Problem:
+    text = f'not accepted with formulation = "incompressible": {reason}'
+    return Problem(key, text, short(value) if key == "poisson_ratio" else f"{short(value)} Pa")
+
+
 Solid = Annotated[StVenantKirchhoff | NeoHookean | MooneyRivlin, Field(discriminator="material")]
 MATERIALS: dict[str, type[Elastic]] = {
-    "st-venant-kirchhoff": StVenantKirchhoff,
-    "neo-hookean": NeoHookean,
-    "mooney-rivlin": MooneyRivlin,
+    name: law for law in get_args(get_args(Solid)[0]) for name in get_args(law.model_fields["material"].annotation)
 }

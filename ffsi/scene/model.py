@@ -12,8 +12,9 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from ffsi.scene.base import Table, refuse
 from ffsi.scene.errors import Problem, SceneError, join, names, nearest, short
-from ffsi.scene.flow import Forces, Gravity, Inflow, Outlet
-from ffsi.scene.geometry import ElementSizes, FlapChannel, Geometry, GeometryBase, Physics
+from ffsi.scene.flow import Forces, Inflow, Outlet
+from ffsi.scene.geometry import ChannelGeometry, ElementSizes, FlapChannel, Geometry, GeometryBase, Physics
+from ffsi.scene.loads import Gravity, Traction
 from ffsi.scene.materials import Fluid, Solid
 from ffsi.scene.numerics import Mesh, MeshMotion, Output, Solver
 from ffsi.scene.toml import parse_toml, write_toml
@@ -42,6 +43,9 @@ class Scene(Table):
     )
     mesh_motion: MeshMotion | None = Field(None, description="motion of the fluid mesh, only with fluid and solid")
     gravity: Gravity | None = Field(None, description="acceleration by gravity in m/s^2; none if absent")
+    traction: Traction | None = Field(
+        None, description="dead traction on the loaded boundary, per reference length, in Pa; needed where there is one"
+    )
     inflow: Inflow | None = Field(None, description="velocity at the inlet in m/s, needed with a fluid")
     outlet: Outlet | None = Field(None, description="condition at the outlet, needed with a fluid")
     forces: Forces | None = Field(None, description="scale of the force coefficients, reference length in m")
@@ -74,14 +78,22 @@ class Scene(Table):
             refuse([_unknown_solid(str(name), geometry) for name in solid if name not in geometry.solid_names])
         return solid
 
+    @field_validator("solid")
+    @classmethod
+    def _in_order_of_regions(cls, solid: dict[str, Solid], info: ValidationInfo) -> dict[str, Solid]:
+        geometry = info.data.get("geometry")
+        order = geometry.solid_names if isinstance(geometry, GeometryBase) else solid
+        return {name: solid[name] for name in order if name in solid}
+
     @model_validator(mode="after")
     def _complete(self) -> Self:
-        refuse([*self._physics_problems(), *self._mesh_problems(), *self._inflow_problems()])
+        problems = [self._physics_problems(), self._load_problems(), self._mesh_problems(), self._inflow_problems()]
+        refuse([problem for group in problems for problem in group])
         sizes = {key: getattr(self.mesh, key) for key in ElementSizes.__dataclass_fields__}
         missing = {key: getattr(self.geometry.default_sizes, key) for key, size in sizes.items() if size is None}
         if missing:
             self._fill("mesh", self.mesh.model_copy(update=missing))
-        if self.fluid and self.forces is None:
+        if isinstance(self.geometry, ChannelGeometry) and self.fluid and self.forces is None:
             self._fill("forces", Forces(reference_length=self.geometry.reference_length))
         if self.fluid and self.solid and self.mesh_motion is None:
             self._fill("mesh_motion", MeshMotion())
@@ -92,9 +104,13 @@ class Scene(Table):
         object.__setattr__(self, key, value)
 
     def _physics_problems(self) -> Iterator[Problem]:
+        if not isinstance(self.geometry, ChannelGeometry):
+            yield from self._no_fluid_problems()
+            return
         if self.fluid is None and not self.solid:
             yield Problem("fluid", "missing; a scene needs a fluid, a solid or both")
             return
+        yield from self.geometry.scene_problems(self.solid, self.fluid is not None)
         for key in ("inflow", "outlet"):
             if self.fluid and getattr(self, key) is None:
                 yield Problem(key, f"missing; {type(self).model_fields[key].description}")
@@ -104,13 +120,28 @@ class Scene(Table):
         if self.mesh_motion is not None and not (self.fluid and self.solid):
             yield Problem("mesh_motion", "only accepted in a scene with a fluid and a solid")
 
+    def _no_fluid_problems(self) -> Iterator[Problem]:
+        kind, solids = self.geometry.kind, self.geometry.solid_names
+        if not self.solid:
+            yield Problem("solid", f'missing; the geometry "{kind}" holds {names(solids)}')
+        for key in ("fluid", "mesh_motion", "inflow", "outlet", "forces"):
+            if getattr(self, key) is not None:
+                yield Problem(key, f'not accepted: the geometry "{kind}" holds no fluid')
+
+    def _load_problems(self) -> Iterator[Problem]:
+        loaded = any(boundary.role == "loaded" for boundary in self.geometry.boundaries(self.physics))
+        if loaded and self.traction is None:
+            yield Problem("traction", f"missing; {type(self).model_fields['traction'].description}")
+        if self.traction is not None and not loaded:
+            yield Problem("traction", f'not accepted: the geometry "{self.geometry.kind}" has no loaded boundary')
+
     def _mesh_problems(self) -> Iterator[Problem]:
         if self.mesh.root_size is not None and not isinstance(self.geometry, FlapChannel):
             text = f'only accepted with the geometry "flap-channel", this one is "{self.geometry.kind}"'
             yield Problem("mesh.root_size", text, f"{short(self.mesh.root_size)} m")
 
     def _inflow_problems(self) -> Iterator[Problem]:
-        if self.inflow is None:
+        if self.inflow is None or not isinstance(self.geometry, ChannelGeometry):
             return
         height = self.geometry.channel_height
         y = np.linspace(0.0, height, 201)
@@ -140,6 +171,11 @@ class Scene(Table):
         """Reference point (x, y) in m of tip_ux and tip_uy; None if nothing moves."""
         return self.geometry.tip if self.solid else None
 
+    @property
+    def probes(self) -> dict[str, tuple[float, float]]:
+        """Further reference points (x, y) in m by name, where NAME_ux and NAME_uy are taken; none if nothing moves."""
+        return self.geometry.probes if self.solid else {}
+
     def exact_areas(self) -> dict[str, float]:
         """Return the area in m^2 of every region, in the regions' order."""
         return self.geometry.exact_areas(self.physics)
@@ -150,7 +186,7 @@ class Scene(Table):
         Raises:
             SceneError: the scene has no fluid.
         """
-        if self.inflow is None:
+        if self.inflow is None or not isinstance(self.geometry, ChannelGeometry):
             raise SceneError([Problem("inflow", "a scene without a fluid has none")])
         mean, expression, height = self.inflow.mean_velocity, self.inflow.expression, self.geometry.channel_height
         return lambda y: mean * expression.evaluate(y=y, H=height)
@@ -180,12 +216,13 @@ def _unknown_solid(name: str, geometry: GeometryBase) -> Problem:
     """Return the problem of a name in the table "solid" that the geometry does not hold."""
     valid = geometry.solid_names
     kind = getattr(geometry, "kind", "")
+    if name in geometry.optional_solids:
+        return Problem(name, f'the geometry "{kind}" holds no {name} unless geometry.{name} is given')
+    guess = nearest(name, [*valid, *geometry.optional_solids])
+    holds = names(valid)
     if not valid:
-        text = f'the geometry "{kind}" holds no solid unless geometry.beam is given'
-        return Problem(name, text)
-    guess = nearest(name, valid)
-    text = f'unknown solid; the geometry "{kind}" holds {names(valid)}'
-    return Problem(name, text, None, guess and f"solid.{guess}")
+        holds = f"no solid unless {' or '.join(f'geometry.{other}' for other in geometry.optional_solids)} is given"
+    return Problem(name, f'unknown solid; the geometry "{kind}" holds {holds}', None, guess and f"solid.{guess}")
 
 
 def _numbers(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, int | float]]:

@@ -29,19 +29,28 @@ class Mesh(Table):
 class MeshMotion(Table):
     """How the fluid mesh follows the solid: int alpha P : grad z = 0, with P by kind.
 
-    harmonic: P = grad u + beta div u I; hyperelastic: P = F - F^-T + beta ln J F^-T, the stress of a neo-Hookean
-    pseudo-solid, which resists ever more as J = det F falls.
+    harmonic: P = grad u + beta div u I; linear-elastic: P = grad u + (grad u)^T + beta div u I; hyperelastic:
+    P = F - F^-T + beta ln J F^-T, the stress of a neo-Hookean pseudo-solid, which resists ever more as J = det F falls.
+
+    alpha = (largest area / area)^m (largest distance / distance)^n for each triangle of the fluid, the distance from
+    its centroid to the nearest node of the interface.
     """
 
-    kind: Literal["harmonic", "hyperelastic"] = Field(
+    kind: Literal["harmonic", "linear-elastic", "hyperelastic"] = Field(
         "harmonic",
-        description='equation of the mesh motion: "harmonic" (linear) or "hyperelastic" (for large displacements)',
+        description='equation of the mesh motion: "harmonic", "linear-elastic" (both linear) or "hyperelastic" '
+        "(for large displacements)",
     )
     stiffness_exponent: NonNegativeNumber = Field(
-        1.0, description="exponent m of alpha = (largest area / area)^m, dimensionless"
+        1.0, description="exponent m of the factor (largest area / area)^m of alpha, dimensionless"
+    )
+    distance_exponent: NonNegativeNumber = Field(
+        0.0,
+        description="exponent n of the factor (largest distance / distance from the interface)^n of alpha, "
+        "dimensionless",
     )
     divergence_weight: NonNegativeNumber = Field(
-        1.0, description="weight beta of div u (harmonic) or of ln J (hyperelastic), dimensionless"
+        1.0, description="weight beta of div u (harmonic, linear-elastic) or of ln J (hyperelastic), dimensionless"
     )
 
 

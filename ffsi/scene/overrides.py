@@ -50,7 +50,10 @@ def with_values(scene: Scene, values: Mapping[str, Any]) -> Scene:
     Args:
         scene: where the other values come from.
         values: new values by dotted key, such as ``{"inflow.mean_velocity": 0.06}``; a complete new pair of elastic
-            constants replaces the scene's pair; a new material keeps the constants that it knows.
+            constants replaces the scene's pair; a new material keeps the constants that it knows. The formulation
+            "incompressible" drops what that form does not have: of (lame_lambda, lame_mu) and (lame_mu, poisson_ratio)
+            it keeps lame_mu, of (young_modulus, poisson_ratio) young_modulus; Mooney-Rivlin loses bulk_modulus.
+            Constants among the new values win. The way back needs the constants that are then missing.
 
     Raises:
         SceneError: a key or value is not valid.
@@ -71,26 +74,37 @@ def with_values(scene: Scene, values: Mapping[str, Any]) -> Scene:
 
 
 def _adapt_solid(prefix: str, solid: Elastic, values: Mapping[str, Any], table: dict[str, Any]) -> list[Problem]:
-    """Remove from the solid's table what the new values replace: the old material's own keys, or the pair in use."""
+    """Remove from the solid's table what the new values replace: the old material's own keys, or constants in use."""
     name = values.get(prefix + "material")
     material = MATERIALS.get(name, type(solid)) if isinstance(name, str) else type(solid)
     for key in table.keys() - material.model_fields.keys():
         del table[key]
+    unused = material.unused_constants(values.get(prefix + "formulation", table.get("formulation")))
+    for key in unused:
+        table.pop(key, None)
     if not (isinstance(solid, CompressibleElastic) and issubclass(material, CompressibleElastic)):
         return []
     given = [constant for constant in ELASTIC_CONSTANTS if prefix + constant in values]
-    return _choose_pair(prefix, solid, given, table)
+    if unused:
+        # One constant is left; a new one replaces it.
+        for key in solid.given_constants if given else ():
+            table.pop(key, None)
+        return []
+    # From incompressible, what is missing beside the one constant may be given alone.
+    return _choose_pair(prefix, solid, given, table, strict=not solid.incompressible)
 
 
-def _choose_pair(prefix: str, solid: CompressibleElastic, given: Sequence[str], table: dict[str, Any]) -> list[Problem]:
-    """Remove the scene's elastic constants from the table if a whole pair is given; refuse a mixture."""
-    in_use = solid.elastic_pair
+def _choose_pair(
+    prefix: str, solid: CompressibleElastic, given: Sequence[str], table: dict[str, Any], *, strict: bool
+) -> list[Problem]:
+    """Remove the scene's elastic constants from the table if a whole pair is given; if strict, refuse a mixture."""
+    in_use = solid.given_constants
     if any(set(pair) == set(given) for pair in ELASTIC_PAIRS):
         for name in in_use:
             del table[name]
         return []
     text = f"the scene uses the pair ({', '.join(in_use)}): change one of these, or give one whole pair of {PAIRS_TEXT}"
-    return [Problem(prefix + name, text) for name in given if name not in in_use]
+    return [Problem(prefix + name, text) for name in given if strict and name not in in_use]
 
 
 def _put(table: dict[str, Any], key: str, value: Any) -> list[Problem]:

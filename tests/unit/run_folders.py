@@ -167,6 +167,7 @@ class FakeCheck:
             "continuity",
             "kinematics",
             "mesh_motion",
+            "incompressibility",
             "dirichlet",
             "drag_difference",
             "lift_difference",

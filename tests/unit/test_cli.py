@@ -71,6 +71,11 @@ BAD_INPUT = [
     (["bench", "--case", "flap-svq"], 'did you mean "flap-svk"?'),
     (["bench", "--levels", "a"], "--levels takes integers"),
     (["bench", "--levels", "0,7"], "from 0 to 4"),
+    (["paper", "--cases", "one"], "--cases takes integers separated by commas"),
+    (["paper", "--cases", "1,1"], "a number occurs twice"),
+    (["paper", "--cases", "1,4"], "the paper has the cases 1, 2, 3, not 4"),
+    (["paper", "--level", "5"], "mesh.level = 5"),
+    (["paper", "--jobs", "0"], "jobs"),
     (["doctor", "now"], "unexpected extra argument"),
     (["cases", "--jsn"], "No such option: --jsn"),
 ]
@@ -201,6 +206,23 @@ def test_bench_passes_its_numbers_on(capsys, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "ffsi.bench", fake)
     assert call(capsys, "bench", "--levels", "0,2")[0] == 0
     assert seen == [([0, 2], "turek-fsi1")]
+
+
+@pytest.mark.parametrize(("failures", "code"), [([], 0), (["check"], 1), (["not-converged"], 3), (["crash"], 4)])
+def test_paper_passes_its_options_on_and_ends_with_the_worst_failure(capsys, monkeypatch, failures, code):
+    seen = []
+
+    def reproduce(numbers, **options):
+        seen.append((numbers, options))
+        return failures
+
+    monkeypatch.setattr("ffsi.paper.main", reproduce)
+    words = ["--cases", "1,3", "--level", "0", "--jobs", "2", "--out", "there", "--runs", "sweeps"]
+    assert call(capsys, "paper", *words)[0] == code
+    assert call(capsys, "paper")[0] == code
+    options = {"level": 0, "jobs": 2, "out": Path("there"), "runs": Path("sweeps")}
+    default = {"level": 2, "jobs": 1, "out": Path("results/paper"), "runs": Path("runs/paper")}
+    assert seen == [([1, 3], options), (None, default)]
 
 
 @pytest.mark.parametrize(("healthy", "code"), [(True, 0), (False, 4)])

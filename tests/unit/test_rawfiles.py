@@ -49,11 +49,31 @@ def test_mesh_round_trip(tmp_path):
         np.testing.assert_array_equal(getattr(again, field.name), getattr(mesh, field.name))
 
 
-def test_state_round_trip(tmp_path, state):
+@pytest.mark.parametrize("mixed", [0, 1, 3])
+def test_state_round_trip(tmp_path, state, mixed):
+    state = dataclasses.replace(state, ps=np.random.default_rng(2).normal(size=(mixed, len(state.p))))
     write_state(tmp_path / "point-0001.bin", state)
     again = read_state(tmp_path / "point-0001.bin", flap_mesh())
-    for field in ("u", "v", "p"):
+    for field in ("u", "v", "p", "ps"):
         np.testing.assert_array_equal(getattr(again, field), getattr(state, field))
+
+
+def test_state_has_no_pressures_of_solids_unless_they_are_given(state):
+    assert state.ps.shape == (0, len(state.p))
+
+
+def test_pressure_of_a_solid_on_another_mesh_is_refused(tmp_path, state):
+    path = tmp_path / "point-0001.bin"
+    write_state(path, state)
+    whole = path.read_bytes()
+    write_arrays(tmp_path / "more.bin", [state.p, state.p[:-1]])
+    path.write_bytes(whole + (tmp_path / "more.bin").read_bytes())
+    with pytest.raises(RawFileError, match=r"ps 2 has \d+ values, the mesh has"):
+        read_state(path, flap_mesh())
+    for rest in (b"\0" * 4, (5).to_bytes(8, "little")):
+        path.write_bytes(whole + rest)
+        with pytest.raises(RawFileError, match=r"point-0001\.bin: truncated: array 6 of 6"):
+            read_state(path, flap_mesh())
 
 
 @pytest.mark.parametrize("kept", [0, 7, 8, 60, -1])

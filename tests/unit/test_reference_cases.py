@@ -1,17 +1,19 @@
 """Small structured cases which the tests of the reference checker share, and tests of their meshes."""
 
 import dataclasses
+import math
 
 import numpy as np
 
 from ffsi.rawfiles import RawMesh, RawState
-from ffsi.reference.materials import StVenantKirchhoff
+from ffsi.reference.materials import MooneyRivlin, NeoHookean, StVenantKirchhoff
 from ffsi.reference.problem import Boundary, Fluid, MeshMotion, Problem, Solid
 from ffsi.reference.structured import structured_mesh
 
 LENGTH, HEIGHT = 2.0, 1.0
 MEAN_VELOCITY = 0.3
 BLOCK = (0.75, 1.0, 0.5)  # left, right, top of the elastic block on the floor
+ROOF = (0.5, 1.5, 0.25)  # left, right, thickness of the elastic part of the roof
 BUMP = (1.0, -0.3, 0.5)  # centre and radius of the circle whose top stands out of the floor
 
 
@@ -59,6 +61,48 @@ def flap_problem(**changes) -> Problem:
         reference_length=0.5,
     )
     return Problem(**(values | changes))
+
+
+def in_roof(x, y):
+    return ROOF[0] < x < ROOF[1] and y > HEIGHT
+
+
+def roof_mesh(n=8):
+    """Channel with a block on its floor and an elastic roof, regions 2 and 3; n rectangles over the height."""
+
+    def label(x, y):
+        if y > HEIGHT:
+            return 11 if x in ROOF[:2] else 7
+        if x in (0.0, LENGTH):
+            return 1 if x == 0.0 else 2
+        if y == HEIGHT:
+            return 10 if ROOF[0] < x < ROOF[1] else 3
+        if y == 0.0:
+            return 6 if in_block(x, y) else 3
+        return 5
+
+    def region(x, y):
+        if y > HEIGHT:
+            return 3 if in_roof(x, y) else 0
+        return 1 + in_block(x, y)
+
+    y = np.concatenate([np.linspace(0, HEIGHT, n + 1), HEIGHT + ROOF[2] * np.array([0.5, 1.0])])
+    return structured_mesh(np.linspace(0, LENGTH, 2 * n + 1), y, region, label)
+
+
+def roof_problem(**changes) -> Problem:
+    """Two solids of different materials, both with a pressure of their own: the block and a softer roof."""
+    boundaries = (
+        *flap_problem().boundaries,
+        Boundary("outer side", 7, "free"),
+        Boundary("roof", 10, "interface"),
+        Boundary("roof ends", 11, "clamped"),
+    )
+    solids = {
+        2: Solid(2.0, NeoHookean(60.0, 30.0), "mixed"),
+        3: Solid(1.0, MooneyRivlin(1.0, 0.6, math.inf), "incompressible"),
+    }
+    return flap_problem(**(dict(boundaries=boundaries, solids=solids) | changes))
 
 
 def channel_mesh(nx=6, ny=4, grading=1.0, region=1) -> RawMesh:
@@ -152,6 +196,12 @@ def cantilever_problem(**changes) -> Problem:
     return Problem(**(values | changes))
 
 
+def loaded_problem(**changes) -> Problem:
+    """The cantilever without its weight, pulled at its tip."""
+    boundaries = (Boundary("root", 1, "clamped"), Boundary("tip", 2, "loaded"), *cantilever_problem().boundaries[2:])
+    return cantilever_problem(**(dict(boundaries=boundaries, gravity=(0.0, 0.0), traction=(1.5, -0.8)) | changes))
+
+
 def state_of(mesh, u=None, v=None, p=None) -> RawState:
     """Nodal values of functions of the coordinates (n, 2); zero where none is given."""
     points = mesh.p2_coordinates
@@ -185,6 +235,15 @@ def test_labels_cover_the_outline_and_the_interface():
     assert found.keys() == expected.keys()
     for label, length in expected.items():
         np.testing.assert_allclose(found[label], length, rtol=1e-14)
+
+
+def test_roof_covers_its_part_of_the_outline():
+    mesh = roof_mesh(4)
+    left, right, thickness = ROOF
+    np.testing.assert_allclose(areas(mesh)[mesh.region == 3].sum(), (right - left) * thickness, rtol=1e-14)
+    lengths = np.linalg.norm(np.diff(mesh.vertices[mesh.edges], axis=1)[:, 0], axis=1)
+    found = {label: lengths[mesh.label == label].sum() for label in (7, 10, 11)}
+    assert found == {7: right - left, 10: right - left, 11: 2 * thickness}
 
 
 def test_hole_leaves_no_unused_vertex():

@@ -1,5 +1,6 @@
 """The checker accepts a solution and refuses it after the smallest lie, naming what is wrong."""
 
+import dataclasses
 import json
 import math
 
@@ -13,13 +14,16 @@ from test_reference_cases import (
     channel_problem,
     flap_mesh,
     flap_problem,
+    loaded_problem,
 )
 
-from ffsi.rawfiles import RawState, write_mesh, write_state
+from ffsi.rawfiles import RawState, read_mesh, read_state, write_mesh, write_state
+from ffsi.reference import terms
 from ffsi.reference.check import check_run, check_state
 from ffsi.reference.forces import coefficient_scale, compute_forces
 from ffsi.reference.from_scene import problem_from_scene
-from ffsi.reference.problem import Boundary, MeshMotion
+from ffsi.reference.materials import MooneyRivlin, NeoHookean
+from ffsi.reference.problem import Boundary, MeshMotion, Solid
 from ffsi.reference.solve import solve
 from ffsi.reference.structured import structured_mesh
 from ffsi.reference.system import System
@@ -49,6 +53,18 @@ def hyperelastic_flap():
 
 
 @pytest.fixture(scope="module")
+def mixed_flap():
+    solids = {2: Solid(2.0, NeoHookean(60.0, 30.0), "mixed")}
+    return solved(flap_problem(solids=solids, mesh_motion=MeshMotion(0.5, 0.7, "linear-elastic", 1.0)), flap_mesh())
+
+
+@pytest.fixture(scope="module")
+def loaded():
+    solids = {2: Solid(1.5, MooneyRivlin(6.0, 9.0, math.inf), "incompressible")}
+    return solved(loaded_problem(solids=solids), channel_mesh(nx=12, region=2))
+
+
+@pytest.fixture(scope="module")
 def bump():
     return solved(bump_problem(), bump_mesh())
 
@@ -59,7 +75,7 @@ def cantilever():
 
 
 def copy(state):
-    return RawState(state.u.copy(), state.v.copy(), state.p.copy())
+    return RawState(state.u.copy(), state.v.copy(), state.p.copy(), state.ps.copy())
 
 
 def failing(report):
@@ -73,7 +89,7 @@ def largest(values, where):
     return np.unravel_index(masked.argmax(), values.shape)
 
 
-@pytest.mark.parametrize("case", ["flap", "hyperelastic_flap", "bump", "cantilever"])
+@pytest.mark.parametrize("case", ["flap", "hyperelastic_flap", "mixed_flap", "bump", "cantilever", "loaded"])
 def test_solution_passes(case, request):
     report = check_state(*request.getfixturevalue(case))
     assert report.failures == []
@@ -82,15 +98,18 @@ def test_solution_passes(case, request):
     assert report.min_jacobian > 0.0
 
 
-def test_equations_that_a_scene_has_not_are_none(flap, bump, cantilever):
+def test_equations_that_a_scene_has_not_are_none(flap, mixed_flap, bump, cantilever, loaded):
+    wet = {"continuity", "kinematics", "mesh_motion", "drag_difference", "lift_difference"}
+
     def absent(case):
         report = check_state(*case)
-        names = ("momentum", "continuity", "kinematics", "mesh_motion", "drag_difference", "lift_difference")
-        return {name for name in names if getattr(report, name) is None}
+        return {name for name in wet | {"momentum", "incompressibility"} if getattr(report, name) is None}
 
-    assert absent(flap) == set()
-    assert absent(bump) == {"kinematics", "mesh_motion"}
-    assert absent(cantilever) == {"continuity", "kinematics", "mesh_motion", "drag_difference", "lift_difference"}
+    assert absent(mixed_flap) == set()
+    assert absent(flap) == {"incompressibility"}
+    assert absent(bump) == {"kinematics", "mesh_motion", "incompressibility"}
+    assert absent(cantilever) == wet | {"incompressibility"}
+    assert absent(loaded) == wet
 
 
 # What is changed by a thousandth of itself (at its largest value), and which checks must see it.
@@ -104,7 +123,7 @@ LIES = {
 }
 
 
-@pytest.mark.parametrize("case", ["flap", "hyperelastic_flap"])
+@pytest.mark.parametrize("case", ["flap", "hyperelastic_flap", "mixed_flap"])
 @pytest.mark.parametrize("lie", LIES)
 def test_a_thousandth_of_one_unknown_is_seen(case, lie, request):
     problem, mesh, state, quantities = request.getfixturevalue(case)
@@ -126,6 +145,49 @@ def test_a_thousandth_of_one_unknown_is_seen(case, lie, request):
     report = check_state(problem, mesh, changed, quantities)
     assert not report.passed
     assert expected <= failing(report)
+
+
+@pytest.mark.parametrize(
+    ("case", "equation", "term", "expected"),
+    [
+        ("mixed_flap", "mesh_motion", "transposed", {"mesh_motion"}),
+        ("mixed_flap", "mesh_motion", "divergence", {"mesh_motion"}),
+        ("mixed_flap", "solid_momentum", "stress", {"momentum"}),
+        ("mixed_flap", "solid_momentum", "pressure", {"momentum"}),
+        ("mixed_flap", "incompressibility", "rest", {"incompressibility"}),
+        ("mixed_flap", "incompressibility", "du_x/dX", {"incompressibility"}),
+        ("loaded", "solid_momentum", "pressure", {"momentum"}),
+        ("loaded", "incompressibility", "rest", {"incompressibility"}),
+        ("loaded", "incompressibility", "du_y/dY", {"incompressibility"}),
+    ],
+)
+@pytest.mark.parametrize("factor", [-1.0, 1.0001])
+def test_wrong_sign_or_factor_of_a_term_is_seen(case, equation, term, expected, factor, request, monkeypatch):
+    solution = request.getfixturevalue(case)
+    function = getattr(terms, equation)
+
+    def wrong(*arguments):
+        local = function(*arguments)
+        return local | {term: factor * local[term]}
+
+    monkeypatch.setattr(terms, equation, wrong)
+    assert failing(check_state(*solution)) - {"drag_difference", "lift_difference"} == expected
+
+
+def test_wrong_sign_of_a_solid_pressure_is_seen(mixed_flap, loaded):
+    for case, expected in ((mixed_flap, {"momentum", "incompressibility"}), (loaded, {"momentum"})):
+        problem, mesh, state, quantities = case
+        changed = copy(state)
+        changed.ps[:] *= -1.0
+        assert failing(check_state(problem, mesh, changed, quantities)) == expected
+
+
+def test_pressure_of_the_fluid_in_place_of_that_of_the_solid_is_seen(mixed_flap):
+    problem, mesh, state, quantities = mixed_flap
+    both = ~System.build(problem, mesh).rows.p_given & System.build(problem, mesh).rows.incompressibility[0]
+    changed = copy(state)
+    changed.ps[0, both] = state.p[both]
+    assert {"momentum", "incompressibility"} <= failing(check_state(problem, mesh, changed, quantities))
 
 
 def test_velocity_inside_the_solid_is_seen_by_the_kinematics_alone(flap):
@@ -226,6 +288,25 @@ def test_solution_of_another_problem_is_refused(flap):
         assert expected <= failing(check_state(flap_problem(**changes), mesh, state, quantities))
 
 
+def test_solution_of_another_mixed_or_loaded_problem_is_refused(mixed_flap, loaded):
+    for (problem, mesh, state, quantities), changes, expected in (
+        (mixed_flap, dict(solids={2: Solid(2.0, NeoHookean(60.1, 30.0), "mixed")}), {"incompressibility"}),
+        (mixed_flap, dict(solids={2: Solid(2.0, NeoHookean(-60.0, 30.0), "mixed")}), {"incompressibility"}),
+        (mixed_flap, dict(solids={2: Solid(2.0, NeoHookean(60.0, 30.1), "mixed")}), {"momentum"}),
+        (mixed_flap, dict(solids={2: Solid(2.0, NeoHookean(60.0, 30.0), "incompressible")}), {"incompressibility"}),
+        (mixed_flap, dict(mesh_motion=MeshMotion(0.5, 0.7, "harmonic", 1.0)), {"mesh_motion"}),
+        (mixed_flap, dict(mesh_motion=MeshMotion(0.5, 0.7, "linear-elastic", -1.0)), {"mesh_motion"}),
+        (mixed_flap, dict(mesh_motion=MeshMotion(0.5, 0.7, "linear-elastic", 1.001)), {"mesh_motion"}),
+        (mixed_flap, dict(mesh_motion=MeshMotion(0.5, 0.7, "linear-elastic")), {"mesh_motion"}),
+        (loaded, dict(traction=(-1.5, 0.8)), {"momentum"}),
+        (loaded, dict(traction=(1.5, -0.8001)), {"momentum"}),
+        (loaded, dict(traction=(0.0, 0.0)), {"momentum"}),
+        (loaded, dict(solids={2: Solid(1.5, MooneyRivlin(6.0, 9.0, 1e4), "mixed")}), {"incompressibility"}),
+    ):
+        report = check_state(dataclasses.replace(problem, **changes), mesh, state, quantities)
+        assert failing(report) == expected, changes
+
+
 def test_state_of_another_mesh_is_an_error(flap):
     problem, _, state, quantities = flap
     with pytest.raises(ValueError, match="state of shapes"):
@@ -277,6 +358,31 @@ def test_run_folder_is_checked(run):
     outcome["quantities"]["drag"] *= 1.0 + 1e-6
     (directory / "point-0002.json").write_text(json.dumps(outcome))
     assert failing(check_run(directory, scene, point=2)) == {"drag_difference"}
+
+
+def test_state_with_the_pressures_of_other_solids_is_refused(run):
+    directory, scene, _ = run
+    mesh = read_mesh(directory / "mesh.bin")
+    state = read_state(directory / "point-0002.bin", mesh)
+    more = dataclasses.replace(state, ps=np.zeros((1, len(state.p))))
+    write_state(directory / "point-0002.bin", more)
+    with pytest.raises(ValueError, match="the state has pressures of 1 mixed solids, the problem 0"):
+        check_run(directory, scene, point=2)
+
+
+def test_run_folder_of_a_mixed_scene_is_checked(tmp_path):
+    changes = CHANGES | {"solid.flap.formulation": "mixed"}
+    scene = with_values(CASES["flap-neo-hookean"], changes)
+    _, mesh, state, quantities = solved(problem_from_scene(scene), scene_mesh(scene))
+    write_mesh(tmp_path / "mesh.bin", mesh)
+    write_state(tmp_path / "point-0001.bin", state)
+    (tmp_path / "point-0001.json").write_text(json.dumps({"quantities": quantities}))
+    report = check_run(tmp_path, scene)
+    assert report.failures == []
+    assert report.incompressibility < 1e-10
+    write_state(tmp_path / "point-0001.bin", RawState(state.u, state.v, state.p))
+    with pytest.raises(ValueError, match="the state has pressures of 0 mixed solids, the problem 1"):
+        check_run(tmp_path, scene)
 
 
 def test_run_with_other_parameters_than_the_scene_is_refused(run):

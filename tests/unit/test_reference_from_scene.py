@@ -1,5 +1,6 @@
 """Every scene of the catalogue becomes the problem that it describes."""
 
+import math
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,6 +10,7 @@ from ffsi.reference.from_scene import problem_from_scene, refuse_other_parameter
 from ffsi.reference.materials import MooneyRivlin, NeoHookean, StVenantKirchhoff
 from ffsi.reference.problem import Fluid, MeshMotion, Solid
 from ffsi.scene import CASES, boundaries, with_values
+from ffsi.scene import materials as scene_laws
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -33,7 +35,7 @@ def test_turek_fsi1_has_the_published_values():
     assert problem.mean_velocity == 0.2
     np.testing.assert_allclose(problem.inflow_profile(np.array([0.0, 0.205, 0.41])), [0, 0.3, 0], atol=1e-15)
     circles = {b.name: b.circle for b in problem.boundaries if b.circle}
-    assert circles == {"cylinder": (0.2, 0.2, 0.05)}
+    assert circles == {"cylinder": (0.2, 0.2, 0.05), "root": (0.2, 0.2, 0.05)}
     assert problem.parts() == {"cylinder": [4], "beam": [5]}
 
 
@@ -51,10 +53,48 @@ def test_values_reach_their_places():
     assert problem.solids == {2: Solid(1.0, StVenantKirchhoff(8.0, 2.0))}
 
 
-@pytest.mark.parametrize("kind", ["harmonic", "hyperelastic"])
-def test_kind_of_mesh_motion_reaches_the_problem(kind):
-    problem = problem_from_scene(with_values(CASES["turek-fsi1"], {"mesh_motion.kind": kind}))
-    assert problem.mesh_motion == MeshMotion(1.0, 1.0, kind)
+@pytest.mark.parametrize("kind", ["harmonic", "linear-elastic", "hyperelastic"])
+def test_mesh_motion_reaches_the_problem(kind):
+    changes = {"mesh_motion.kind": kind, "mesh_motion.distance_exponent": 1.5}
+    problem = problem_from_scene(with_values(CASES["turek-fsi1"], changes))
+    assert problem.mesh_motion == MeshMotion(1.0, 1.0, kind, 1.5)
+
+
+def test_traction_reaches_the_problem():
+    problem = problem_from_scene(with_values(CASES["cook"], {"traction.x": 0.5}))
+    assert problem.traction == (0.5, 4.0)
+    assert problem.labels("loaded") == [12]
+    assert problem_from_scene(CASES["turek-csm1"]).traction == (0.0, 0.0)
+
+
+def test_two_solids_have_their_regions_in_the_order_of_the_scene():
+    problem = problem_from_scene(CASES["flap-mooney-rivlin-roof"])
+    assert problem.solids == {
+        2: Solid(1.0, MooneyRivlin(75.0, 100.0, 5.6)),
+        3: Solid(1.0, StVenantKirchhoff(8.0, 2.0)),
+    }
+    assert problem.labels("interface") == [5, 10]
+    assert problem.labels("clamped") == [6, 11]
+    assert problem.parts() == {"flap": [5]}
+    assert problem.mixed_regions == []
+
+
+def cook_of(law, **constants):
+    return CASES["cook"].model_copy(update={"solid": {"membrane": law(density=1.0, **constants)}})
+
+
+def test_formulations_reach_the_problem():
+    neo = dict(material="neo-hookean", lame_mu=2.0)
+    mooney = dict(material="mooney-rivlin", c10=3.0, c01=2.0)
+    for scene, expected in (
+        (cook_of(scene_laws.NeoHookean, **neo, lame_lambda=8.0, formulation="mixed"), NeoHookean(8.0, 2.0)),
+        (cook_of(scene_laws.NeoHookean, **neo, formulation="incompressible"), NeoHookean(math.inf, 2.0)),
+        (cook_of(scene_laws.MooneyRivlin, **mooney, bulk_modulus=9.0, formulation="mixed"), MooneyRivlin(3, 2, 9)),
+        (cook_of(scene_laws.MooneyRivlin, **mooney, formulation="incompressible"), MooneyRivlin(3, 2, math.inf)),
+    ):
+        problem = problem_from_scene(scene)
+        assert problem.solids == {2: Solid(1.0, expected, scene.solid["membrane"].formulation)}
+        assert problem.mixed_regions == [2]
 
 
 def test_hyperelastic_materials_reach_the_problem():

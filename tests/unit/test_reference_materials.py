@@ -8,9 +8,11 @@ from ffsi.reference.materials import (
     MooneyRivlin,
     NeoHookean,
     PseudoSolid,
+    SplitMaterial,
     StVenantKirchhoff,
     cofactor,
     determinant,
+    dilatation,
 )
 
 LAMBDA, MU = 2.0, 0.7
@@ -24,6 +26,7 @@ MATERIALS = [
     (MooneyRivlin(C10, C01, BULK), LAMBDA, MU),
     (PAPER, 5.6 - 2 / 3 * 350.0, 350.0),
 ]
+SPLIT = [entry for entry in MATERIALS if isinstance(entry[0], SplitMaterial)]
 GRADIENTS = np.random.default_rng(3).normal(size=(50, 2, 2)) * 0.3
 GRADIENTS = GRADIENTS[determinant(IDENTITY + GRADIENTS) > 0.3]
 
@@ -50,6 +53,17 @@ def known(request):
 @pytest.fixture
 def material(known):
     return known[0]
+
+
+@pytest.fixture(params=SPLIT, ids=lambda entry: "paper" if entry[0] is PAPER else type(entry[0]).__name__)
+def split(request):
+    return request.param
+
+
+def eliminated(material, gradient):
+    """Stress dW_0/dF - p cof F with the pressure that the volume equation of the mixed form gives."""
+    pressure = -material.volume_modulus * material.volume_slope(dilatation(gradient))
+    return material.base_stress(gradient) - pressure[..., None, None] * cofactor(IDENTITY + gradient)
 
 
 def test_gradients_are_many_and_large():
@@ -120,6 +134,80 @@ def test_rest_and_rotation_are_free_of_stress(material):
 def test_stiffness_is_the_modulus_of_uniaxial_strain(material):
     stretch = np.diag([1e-9, 0.0])
     np.testing.assert_allclose(material.first_piola(stretch)[0, 0], 1e-9 * material.stiffness, rtol=1e-8)
+
+
+# Mixed forms --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("gradients", [GRADIENTS, SQUEEZED], ids=["random", "squeezed and turned"])
+def test_stress_of_the_mixed_form_is_the_derivative_of_its_energy(split, gradients):
+    material, *_ = split
+    stress = material.base_stress(gradients)
+    for i in range(2):
+        for j in range(2):
+            step = np.zeros((2, 2), dtype=complex)
+            step[i, j] = 1e-30j
+            derivative = material.base_energy(gradients + step).imag / 1e-30
+            np.testing.assert_allclose(stress[:, i, j], derivative, rtol=0, atol=1e-14 * np.abs(stress).max())
+
+
+def test_volume_slope_is_the_derivative_of_the_volume_energy(split):
+    material, *_ = split
+    change = np.array([-0.9, -0.3, 0.0, 0.4, 3.0])
+    derivative = material.volume_energy(change + 1e-30j).imag / 1e-30
+    np.testing.assert_allclose(material.volume_slope(change), derivative, rtol=1e-14)
+    assert material.volume_slope(1e-30j + np.zeros(1)).imag[0] == 1e-30
+
+
+def test_mixed_form_at_rest_and_in_rotation_is_free_of_stress(split):
+    material, *_ = split
+    assert (material.base_stress(np.zeros((2, 2))) == 0.0).all()
+    assert material.base_energy(np.zeros((2, 2))) == 0.0
+    for angle in (0.7, -2.0, 3.0):
+        stress = material.base_stress(rotation(angle) - IDENTITY)
+        np.testing.assert_allclose(stress, 0.0, atol=1e-15 * material.base_stiffness)
+
+
+def test_mixed_form_does_not_depend_on_the_frame(split):
+    material, *_ = split
+    pressure = np.linspace(-1.0, 2.0, len(GRADIENTS))[:, None, None]
+    turned = ROTATION @ (IDENTITY + GRADIENTS) - IDENTITY
+    stress, other = (material.base_stress(h) - pressure * cofactor(IDENTITY + h) for h in (GRADIENTS, turned))
+    np.testing.assert_allclose(other, ROTATION @ stress, rtol=0, atol=2e-14 * np.abs(stress).max())
+
+
+def test_tangent_of_the_mixed_form_at_rest_is_linear_elasticity(split):
+    material, lame_lambda, lame_mu = split
+    young = lame_mu * (3 * lame_lambda + 2 * lame_mu) / (lame_lambda + lame_mu)
+    nu = lame_lambda / (2 * (lame_lambda + lame_mu))
+    expected = np.array([[1 - nu, nu, 0], [nu, 1 - nu, 0], [0, 0, 0.5 - nu]]) * young / ((1 + nu) * (1 - 2 * nu))
+    found = np.zeros((3, 3))
+    for column, gradient in enumerate(([[1, 0], [0, 0]], [[0, 0], [0, 1]], [[0, 0.5], [0.5, 0]])):
+        stress = eliminated(material, 1e-30j * np.array(gradient)).imag / 1e-30
+        found[:, column] = stress[0, 0], stress[1, 1], stress[0, 1]
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13 * np.abs(expected).max())
+
+
+def test_mixed_form_with_its_pressure_eliminated_is_the_displacement_form(split):
+    material, *_ = split
+    expected = material.first_piola(GRADIENTS)
+    np.testing.assert_allclose(eliminated(material, GRADIENTS), expected, rtol=0, atol=1e-14 * np.abs(expected).max())
+
+
+def test_stress_of_the_mixed_form_is_the_formula_of_the_document():
+    deformation = IDENTITY + GRADIENTS
+    inverse = np.linalg.inv(deformation).transpose(0, 2, 1)
+    expected = MU * (deformation - inverse)
+    np.testing.assert_allclose(NeoHookean(np.inf, MU).base_stress(GRADIENTS), expected, rtol=0, atol=1e-13)
+    jacobian = np.linalg.det(deformation)[:, None, None]
+    first = (deformation**2).sum(axis=(1, 2))[:, None, None] + 1.0
+    second = first - 1.0 + jacobian**2
+    expected = 2 * C10 * jacobian ** (-2 / 3) * (deformation - first / 3 * inverse)
+    expected += 2 * C01 * jacobian ** (-4 / 3) * (deformation + (jacobian**2 - 2 / 3 * second) * inverse)
+    np.testing.assert_allclose(MooneyRivlin(C10, C01, np.inf).base_stress(GRADIENTS), expected, rtol=0, atol=1e-13)
+
+
+# The laws ------------------------------------------------------------------------------------------------------------
 
 
 def test_st_venant_kirchhoff_is_the_textbook_formula():

@@ -16,12 +16,16 @@ from test_reference_cases import (
     channel_problem,
     flap_mesh,
     flap_problem,
+    loaded_problem,
     profile,
+    roof_mesh,
+    roof_problem,
     state_of,
 )
 
 from ffsi.reference.problem import Boundary, Fluid, MeshMotion
 from ffsi.reference.residual import compute_residual
+from ffsi.reference.structured import structured_mesh
 from ffsi.reference.system import System
 
 ANGLE = 0.6
@@ -214,6 +218,89 @@ def test_hyperelastic_mesh_motion_is_scaled_by_the_larger_of_its_two_terms():
     assert equation.relative == pytest.approx(whole / max(norms.values()), rel=1e-14)
 
 
+LINEAR_ELASTIC = MeshMotion(1.5, 0.7, "linear-elastic")
+
+
+def test_linear_elastic_mesh_motion_is_hookes_law():
+    mesh, rng = graded_flap_mesh(), np.random.default_rng(8)
+    state = state_of(mesh, u=lambda x: rng.normal(size=x.shape))
+    system = System.build(flap_problem(mesh_motion=LINEAR_ELASTIC), mesh)
+    equation = compute_residual(system, state).equations["mesh_motion"]
+    assert equation.terms.keys() == {"d/dx", "d/dy", "divergence", "transposed"}
+    elements = system.fluid.elements
+    gradient = np.einsum("tai,tqaj->tqij", state.u[elements.nodes], elements.gradients)
+    strain = 0.5 * (gradient + gradient.swapaxes(2, 3))
+    hooke = 2.0 * strain + 0.7 * np.trace(strain, axis1=2, axis2=3)[..., None, None] * np.eye(2)
+    weights = elements.weights * (elements.area.max() / elements.area)[:, None] ** 1.5
+    expected = np.zeros_like(equation.residual)
+    np.add.at(expected, elements.nodes, np.einsum("tq,tqij,tqaj->tai", weights, hooke, elements.gradients))
+    np.testing.assert_allclose(equation.residual, expected, rtol=0, atol=1e-13 * np.abs(expected).max())
+    largest = max(np.linalg.norm(term[equation.rows]) for term in equation.terms.values())
+    assert equation.scale == largest
+
+
+def test_linear_elastic_mesh_motion_has_no_stress_in_a_small_rotation():
+    mesh = graded_flap_mesh()
+    state = state_of(mesh, u=lambda x: x @ np.array([[0.0, -0.01], [0.01, 0.0]]).T + np.array([0.3, -0.2]))
+    equation = compute_residual(System.build(flap_problem(mesh_motion=LINEAR_ELASTIC), mesh), state)
+    np.testing.assert_allclose(equation.equations["mesh_motion"].residual, 0.0, atol=1e-14)
+    # The harmonic one has: its d/dx and d/dy parts do not cancel.
+    assert relative(flap_problem(mesh_motion=MeshMotion(1.5, 0.7)), mesh, state)["mesh_motion"] > 1e-3
+
+
+def bar_of_three():
+    """Three unit squares in a row, the middle one solid, and its problem's boundaries."""
+
+    def label(x, y):
+        if x in (1.0, 2.0):
+            return 5
+        return 6 if 1.0 < x < 2.0 else 3
+
+    mesh = structured_mesh(np.arange(4.0), np.arange(2.0), lambda x, y: 1 + (1.0 < x < 2.0), label)
+    boundaries = (
+        Boundary("walls", 3, "no-slip"),
+        Boundary("surface", 5, "interface"),
+        Boundary("ends", 6, "clamped"),
+    )
+    return mesh, boundaries
+
+
+@pytest.mark.parametrize("kind", ["harmonic", "linear-elastic", "hyperelastic"])
+def test_stiffness_by_the_distance_from_the_interface(kind):
+    # The centroids nearest to it, (2/3, 1/3) and (7/3, 2/3), lie sqrt(5)/6 from the middle of its edge; the others,
+    # (1/3, 2/3) and (8/3, 1/3), sqrt(17)/6. All areas are equal.
+    mesh, boundaries = bar_of_three()
+    rng, exponent = np.random.default_rng(9), 1.5
+    state = state_of(mesh, u=lambda x: 0.02 * rng.normal(size=x.shape))
+    rows, alpha = [], []
+    for n in (0.0, exponent):
+        problem = flap_problem(boundaries=boundaries, mesh_motion=MeshMotion(1.0, 0.7, kind, n))
+        system = System.build(problem, mesh)
+        rows.append(compute_residual(system, state).equations["mesh_motion"].residual)
+        alpha.append(system.fluid.alpha)
+    np.testing.assert_array_equal(alpha[0], 1.0)
+    near = mesh.vertices[system.fluid.elements.vertices].mean(axis=1)[:, 0]
+    factor = np.where((near > 0.5) & (near < 2.5), (17.0 / 5.0) ** (exponent / 2.0), 1.0)
+    np.testing.assert_allclose(alpha[1], factor, rtol=1e-14)
+    # A node that only one triangle has: its row is that of n = 0 times the triangle's factor.
+    nodes, count = np.unique(system.fluid.elements.nodes, return_counts=True)
+    for node in nodes[count == 1]:
+        triangle = np.flatnonzero((system.fluid.elements.nodes == node).any(axis=1))[0]
+        np.testing.assert_allclose(rows[1][node], factor[triangle] * rows[0][node], rtol=1e-12, atol=1e-16)
+    assert np.abs(rows[1] - rows[0]).max() > 0.1 * np.abs(rows[0]).max()
+
+
+def test_distance_is_from_the_interface_of_all_solids():
+    mesh = roof_mesh(4)
+    problem = roof_problem(mesh_motion=MeshMotion(0.0, 1.0, "harmonic", 1.0))
+    system = System.build(problem, mesh)
+    nodes = np.unique(mesh.edge_nodes[np.isin(mesh.label, [5, 10])])
+    centroids = mesh.vertices[system.fluid.elements.vertices].mean(axis=1)
+    offset = centroids[:, None] - mesh.p2_coordinates[nodes]
+    distance = np.hypot(*offset.transpose(2, 0, 1)).min(axis=1)
+    np.testing.assert_allclose(system.fluid.alpha, distance.max() / distance, rtol=1e-13)
+
+
 def test_residual_that_is_no_number_is_infinite():
     mesh, problem = flap_mesh(4), flap_problem(mesh_motion=MeshMotion(1.0, 0.7, "hyperelastic"))
     state = state_of(mesh, u=lambda x: x * np.array([-1.5, 0.0]))
@@ -249,6 +336,29 @@ def test_gravity_is_the_weight():
     rows = compute_residual(System.build(box_problem(gravity=(0.0, -2.0)), mesh), state).equations["momentum"].terms
     weight = DENSITY * 2.0 * np.linalg.det(DEFORMATION) * LENGTH * HEIGHT
     np.testing.assert_allclose(rows["gravity"].sum(axis=0), [0.0, weight], rtol=1e-14)
+
+
+def test_traction_is_the_load_on_the_loaded_side():
+    mesh, load = channel_mesh(grading=1.5, region=2), (1.5, -0.8)
+    problem = loaded_problem(traction=load)
+    equation = compute_residual(System.build(problem, mesh), state_of(mesh, u=lambda x: 0.1 * x)).equations["momentum"]
+    found = equation.terms["traction"]
+    np.testing.assert_allclose(found.sum(axis=0), -np.array(load) * HEIGHT, rtol=1e-14)
+    # Its moment as well, by the linear function y.
+    moment = (mesh.p2_coordinates[:, 1:] * found).sum(axis=0)
+    np.testing.assert_allclose(moment, -np.array(load) * HEIGHT**2 / 2, rtol=1e-14)
+    assert (found[mesh.p2_coordinates[:, 0] < LENGTH] == 0.0).all()
+    equation = compute_residual(System.build(cantilever_problem(), mesh), state_of(mesh)).equations["momentum"]
+    assert "traction" not in equation.terms
+
+
+def test_clamped_arc_is_not_bent():
+    mesh = channel_mesh(region=2)
+    arc = Boundary("root", 1, "clamped", circle=(0.5, 0.5, np.hypot(0.5, 0.5)))
+    boundaries = (arc, *cantilever_problem().boundaries[1:])
+    rows = System.build(cantilever_problem(boundaries=boundaries), mesh).rows
+    np.testing.assert_array_equal(rows.u_given, mesh.p2_coordinates[:, 0] == 0.0)
+    assert (rows.prescribed.u == 0.0).all()
 
 
 def test_smallest_jacobian_is_found_in_fluid_and_solid():

@@ -15,6 +15,7 @@ from test_reference_cases import (
     channel_problem,
     flap_mesh,
     flap_problem,
+    loaded_problem,
     profile,
     state_of,
 )
@@ -24,6 +25,7 @@ from ffsi.reference.materials import MooneyRivlin, NeoHookean, StVenantKirchhoff
 from ffsi.reference.problem import Boundary, MeshMotion, Solid
 from ffsi.reference.residual import compute_residual
 from ffsi.reference.solve import ConvergenceError, damped_step, jacobian, residual_vector, solve
+from ffsi.reference.structured import structured_mesh
 from ffsi.reference.system import System
 
 # The counts that exact Newton achieves: a wrong Jacobian needs more.
@@ -35,7 +37,7 @@ CANTILEVER_ITERATIONS = 6
 METHODS = ["complex-step", "divided-difference"]
 
 
-KINDS = ["harmonic", "hyperelastic"]
+KINDS = ["harmonic", "linear-elastic", "hyperelastic"]
 
 
 @pytest.fixture(scope="module", params=KINDS)
@@ -46,7 +48,7 @@ def random_flap(request):
         v=rng.normal(size=(mesh.n_p2, 2)),
         p=rng.normal(size=len(mesh.vertices)),
     )
-    system = System.build(flap_problem(mesh_motion=MeshMotion(1.5, 0.6, request.param)), mesh)
+    system = System.build(flap_problem(mesh_motion=MeshMotion(1.5, 0.6, request.param, 0.8)), mesh)
     assert compute_residual(system, state).min_jacobian > 0.1
     return system, state
 
@@ -104,7 +106,7 @@ def test_zero_traction_outlet_bends_the_poiseuille_flow():
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("method", METHODS)
 def test_flap_converges_quadratically(method, kind):
-    problem = flap_problem(mesh_motion=MeshMotion(1.0, 1.0, kind))
+    problem = flap_problem(mesh_motion=MeshMotion(1.0, 1.0, kind, 0.5))
     solution = solve(System.build(problem, flap_mesh()), method, tolerance=1e-10)
     assert len(solution.steps) == FLAP_ITERATIONS
     assert solution.steps == [1.0] * FLAP_ITERATIONS
@@ -172,6 +174,45 @@ def test_sagging_cantilever_makes_its_potential_energy_stationary():
         at_solution = potential(solution.state.u + 1e-30j * direction).imag / 1e-30
         at_rest = potential(1e-30j * direction).imag / 1e-30
         assert abs(at_solution) < 1e-9 * abs(at_rest)
+
+
+def test_loaded_cantilever_makes_its_potential_energy_stationary():
+    mesh, load = channel_mesh(nx=12, region=2), np.array([1.5, -0.8])
+    system = System.build(loaded_problem(), mesh)
+    state = solve(system).state
+    assert np.abs(state.u).max() > 0.1
+    part = system.solids[2]
+    # The load's work on the tip by Simpson's rule, edge by edge.
+    tip = mesh.edge_nodes[mesh.label == 2]
+    length = np.hypot(*np.diff(mesh.vertices[mesh.edges[mesh.label == 2]], axis=1)[:, 0].T)
+
+    def potential(u):
+        gradient = np.einsum("tai,tqaj->tqij", u[part.elements.nodes], part.elements.gradients)
+        stored = (part.law.material.energy(gradient) * part.elements.weights).sum()
+        return stored - (length[:, None] * ((u @ load)[tip] @ np.diag([1.0, 1.0, 4.0])) / 6.0).sum()
+
+    for seed in range(3):
+        direction = np.random.default_rng(seed).normal(size=state.u.shape)
+        direction[system.rows.u_given] = 0.0
+        at_solution = potential(state.u + 1e-30j * direction).imag / 1e-30
+        at_rest = potential(1e-30j * direction).imag / 1e-30
+        assert abs(at_solution) < 1e-9 * abs(at_rest)
+
+
+def test_slender_cantilever_follows_the_elastica():
+    # Plane strain: E / (1 - nu^2) h^3 / 12 is the bending stiffness. Mattiasson (1981) for P L^2 / (E I) = 1.
+    young, nu, thickness = 109200.0, 0.3, 0.01
+    material = StVenantKirchhoff(young * nu / ((1 + nu) * (1 - 2 * nu)), young / (2 * (1 + nu)))
+    load = young / (1 - nu**2) * thickness**3 / 12 / thickness
+    boundaries = (Boundary("root", 6, "clamped"), Boundary("sides", 7, "free"), Boundary("tip", 12, "loaded"))
+    mesh = structured_mesh(
+        np.linspace(0, 1, 51), np.linspace(0, thickness, 3), lambda x, y: 2, lambda x, y: {0.0: 6, 1.0: 12}.get(x, 7)
+    )
+    problem = loaded_problem(boundaries=boundaries, solids={2: Solid(0.0, material)}, traction=(0.0, load))
+    solution = solve(System.build(problem, mesh), tolerance=1e-8)
+    tip = np.argmin(np.abs(mesh.p2_coordinates - [1.0, thickness / 2]).sum(axis=1))
+    # This coarse mesh is a little too stiff: the differences halve with the element size.
+    np.testing.assert_allclose(solution.state.u[tip], [-0.05643, 0.30172], rtol=5e-3)
 
 
 def test_inverted_triangles_are_never_accepted():

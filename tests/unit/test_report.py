@@ -9,12 +9,12 @@ import pandas as pd
 import pytest
 from matplotlib.colors import to_rgb
 from PIL import Image
-from run_folders import FakeCheck, FakeFreeFEM, given_state, make_run, structured_mesh
+from run_folders import FakeCheck, FakeFreeFEM, exact, given_state, make_run, structured_mesh
 
 from ffsi import run, study
 from ffsi.fields import Fields
 from ffsi.folder import InputError
-from ffsi.report import curves, figures, write_report
+from ffsi.report import curves, figures, formulas, write_report
 from ffsi.result import load_result
 from ffsi.scene import load_scene
 
@@ -91,6 +91,53 @@ def test_pressure_levels_are_round_and_symmetric_about_zero_if_it_changes_sign()
     assert levels[-1] < 2.0
 
 
+def test_colour_bars_have_few_and_round_numbers():
+    for step in (0.0025, 0.005, 0.01, 0.02):
+        ticks = figures._every_other(np.arange(-12, 14) * step)
+        distance = ticks[1] - ticks[0]
+        assert 3 <= len(ticks) <= 9
+        assert np.isclose(distance / 10 ** np.floor(np.log10(distance) + 1e-9), [1, 2, 2.5, 5]).any()
+        assert np.abs(ticks).min() == 0
+
+
+def test_arrows_point_along_the_flow_and_keep_off_the_solid(fields):
+    figure = figures.velocity(fields)
+    (arrows,) = [item for item in figure.axes[0].collections if hasattr(item, "U")]
+    assert 20 < len(arrows.U) <= figures._ARROWS
+    x, y = arrows.X, arrows.Y  # on the deformed mesh; the solid stands on x = 0.5 to 0.75
+    assert not ((x > 0.52) & (x < 0.73) & (y < 0.15)).any()
+    still = Fields(**{**vars(fields), "displacement": np.zeros_like(fields.displacement)})
+    (arrows,) = [item for item in figures.velocity(still).axes[0].collections if hasattr(item, "U")]
+    flow = exact(np.asarray(arrows.X), np.asarray(arrows.Y))
+    cosine = (arrows.U * flow["vx"] + arrows.V * flow["vy"]) / np.hypot(arrows.U, arrows.V)
+    np.testing.assert_allclose(cosine, np.hypot(flow["vx"], flow["vy"]), rtol=0.02)
+
+
+def test_the_shape_before_the_deformation_is_one_dashed_line_around_each_solid(fields):
+    loops = figures._loops(figures._outer_edges(fields, fields.region == 2))
+    assert len(loops) == 1
+    assert loops[0][0] == loops[0][-1]
+    corners = fields.points[loops[0]]
+    np.testing.assert_allclose([corners.min(axis=0), corners.max(axis=0)], [[0.5, 0.0], [0.75, 0.2]])
+    assert np.abs(np.diff(corners, axis=0)).sum() == pytest.approx(0.9)
+
+
+@pytest.mark.parametrize("maximum", [150_000, 40_000])
+def test_small_pictures_keep_their_limit_and_look_the_same(fields, maximum):
+    figure = figures.velocity(fields)
+    data = figures.to_small_png(figure, maximum=maximum)
+    assert len(data) <= maximum < len(figures.to_png(figure))
+    small = Image.open(io.BytesIO(data)).convert("RGB")
+    there = np.asarray(Image.open(io.BytesIO(figures.to_png(figure))).convert("RGB").resize(small.size), dtype=int)
+    assert np.abs(np.asarray(small, dtype=int) - there).mean() < 4
+
+
+def test_small_pictures_stay_white_where_they_are_white():
+    figure = curves.sweep_curves(table(min_jacobian=[0.9, 0.8, np.nan]), [KEY])
+    image = np.asarray(Image.open(io.BytesIO(figures.to_small_png(figure, maximum=60_000))).convert("RGB"))
+    assert tuple(image[1, 1]) == (255, 255, 255)
+
+
 def table(**columns) -> pd.DataFrame:
     points = {KEY: [0.01, 0.02, 0.03], "status": ["converged", "converged", "failed"]}
     return pd.DataFrame(points | {"drag": [1.0, 2.0, np.nan], "lift": [0.1, 0.2, np.nan]} | columns)
@@ -112,6 +159,39 @@ def test_sweep_curves_draw_one_line_per_other_value():
     labels = [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
     assert labels[:1] == ["mesh.level = 0"]
     assert "mesh.level = 1" in labels
+
+
+def test_the_roof_has_a_panel_of_its_own():
+    figure = curves.sweep_curves(table(roof_ux=[0.0, 0.1, np.nan], roof_uy=[0.1, 0.2, np.nan]), [KEY])
+    titles = [axes.get_title(loc="left") for axes in figure.axes]
+    roof = figure.axes[titles.index("Displacement of the roof's middle")]
+    assert [text.get_text() for text in roof.get_legend().get_texts()] == ["$u_x$", "$u_y$", "not converged"]
+
+
+def test_compared_sweeps_share_axis_and_legend():
+    short = table(**{KEY: [0.01, 0.05, 0.06], "drag": [3.0, 4.0, np.nan]})[[KEY, "status", "drag"]]
+    figure = curves.compare_sweeps({"long": table(), "short": short}, KEY, curves.PANELS)
+    drag, lift = figure.axes
+    assert [axes.get_title(loc="left") for axes in figure.axes] == ["Drag", "Lift"]
+    assert drag.get_xlim() == lift.get_xlim()
+    np.testing.assert_allclose(drag.lines[0].get_ydata(), [1.0, 2.0])
+    assert [line.get_linestyle() for line in drag.lines if len(line.get_xdata()) == 2] == ["-", "--"]
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["long", "short", "not converged"]
+    assert curves.compare_sweeps({"one": table(status=["failed"] * 3)}, KEY, curves.PANELS) is None
+
+
+def test_points_that_were_not_tried_are_not_marked_as_failed():
+    both = table(status=["converged", "failed", "failed"], failure=["", "not-converged", "not-reached"])
+    axes = curves.sweep_curves(both, [KEY]).axes[0]
+    (marks,) = [line for line in axes.lines if line.get_marker() == "x"]
+    assert marks.get_xdata().tolist() == [0.02]
+
+
+def test_tiny_values_get_a_common_power_of_ten():
+    figure = curves.sweep_curves(table(lift=[1e-6, -9e-6, np.nan]), [KEY])
+    figures.to_png(figure, dpi=40)
+    assert figure.axes[1].yaxis.get_offset_text().get_text() != ""
+    assert figure.axes[0].yaxis.get_offset_text().get_text() == ""
 
 
 def test_nothing_to_draw():
@@ -137,6 +217,27 @@ def test_report_of_a_run(tmp_path):
     assert "Formulas: the paper and the standard form" in html
     assert "ρ η ∂u<sub>t</sub>/∂n" in html
     assert "(0.01 m here)" in html
+
+
+def test_remarks_follow_the_material():
+    topics = {
+        name: {remark.topic: remark.here for remark in formulas.remarks(load_scene(name, []))}
+        for name in ("flap-svk", "flap-neo-hookean", "flap-mooney-rivlin", "turek-fsi1", "turek-csm1")
+    }
+    assert topics["turek-fsi1"] == topics["turek-csm1"] == {}
+    assert "compressible St. Venant-Kirchhoff law, Poisson's ratio 0.4" in topics["flap-svk"]["Volume of the solid"]
+    assert "Neo-Hookean energy" in topics["flap-neo-hookean"]
+    assert "Neo-Hookean energy" not in topics["flap-svk"]
+    assert "Young's modulus 48.1 Pa and Poisson's ratio −0.931" in topics["flap-mooney-rivlin"]["Bulk modulus"]
+    stiff = formulas.remarks(load_scene("flap-mooney-rivlin", ["solid.flap.bulk_modulus=1.75e4"]))
+    (bulk,) = [remark.here for remark in stiff if remark.topic == "Bulk modulus"]
+    assert "Poisson's ratio 0.49" in bulk
+    assert "slip" not in bulk
+
+
+def test_the_remark_about_the_density_follows_the_fluid():
+    assert "so the number is the same" in formulas.forces(load_scene("flap-svk", [])).here
+    assert "would differ by this factor" in formulas.forces(load_scene("flap-svk", ["fluid.density=2"])).here
 
 
 def test_formulas_belong_to_the_flap_only(tmp_path):

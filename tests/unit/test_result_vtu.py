@@ -1,13 +1,17 @@
 """VTU files of quadratic triangles."""
 
 import re
+from dataclasses import replace
 
 import meshio
 import numpy as np
 import pytest
-from run_folders import given_state, structured_mesh
+from run_folders import given_state, make_run, structured_mesh
 
 from ffsi.fields import Fields
+from ffsi.rawfiles import write_state
+from ffsi.result import load_result
+from ffsi.scene import CASES, with_values
 from ffsi.vtu import read_vtu, write_vtu
 
 
@@ -23,6 +27,45 @@ def test_round_trip_keeps_every_bit(tmp_path, fields):
     for name in ("points", "cells", "region", "displacement", "velocity", "pressure"):
         np.testing.assert_array_equal(getattr(back, name), getattr(fields, name), err_msg=name)
     assert [item.name for item in tmp_path.iterdir()] == ["fields.vtu"]
+
+
+@pytest.fixture
+def mixed() -> Fields:
+    """The block of region 2 is mixed, with a pressure that is linear on it and zero at other vertices."""
+    mesh, pressure = structured_mesh(5, 2), np.zeros((1, 18))
+    inside = np.unique(mesh.triangles[mesh.region == 2])
+    pressure[0, inside] = 1.0 + mesh.vertices[inside] @ [2.0, 3.0]
+    return Fields.from_raw(mesh, replace(given_state(mesh), ps=pressure), [2])
+
+
+def test_pressure_of_mixed_solids_is_linear_on_them_and_zero_elsewhere(mixed):
+    inside = np.isin(np.arange(len(mixed.points)), mixed.cells[mixed.region == 2])
+    np.testing.assert_allclose(mixed.solid_pressure[inside], 1.0 + mixed.points[inside] @ [2.0, 3.0], rtol=1e-14)
+    assert (mixed.solid_pressure[~inside] == 0.0).all()
+    assert inside.any() and not inside.all()
+
+
+def test_pressure_of_mixed_solids_is_kept_in_the_file(tmp_path, mixed, fields):
+    write_vtu(tmp_path / "mixed.vtu", mixed)
+    np.testing.assert_array_equal(read_vtu(tmp_path / "mixed.vtu").solid_pressure, mixed.solid_pressure)
+    write_vtu(tmp_path / "fields.vtu", fields)
+    assert read_vtu(tmp_path / "fields.vtu").solid_pressure is None
+    assert "solid_pressure" not in meshio.read(tmp_path / "fields.vtu").point_data
+
+
+def test_result_knows_which_solid_a_pressure_belongs_to(tmp_path):
+    run = make_run(tmp_path / "run", "flap-neo-hookean")
+    scene, mesh = with_values(CASES["flap-neo-hookean"], {"solid.flap.formulation": "mixed"}), structured_mesh()
+    (run / "scene.toml").write_text(scene.to_toml())
+    write_state(run / "point-0001.bin", replace(given_state(mesh), ps=np.ones((1, len(mesh.vertices)))))
+    fields = load_result(run).fields
+    np.testing.assert_array_equal(np.flatnonzero(fields.solid_pressure), np.unique(mesh.p2[mesh.region == 2]))
+
+
+def test_pressures_of_another_number_of_solids_are_refused():
+    mesh = structured_mesh(5, 2)
+    with pytest.raises(ValueError, match="pressures of 0 mixed solids, the scene has 1"):
+        Fields.from_raw(mesh, given_state(mesh), [2])
 
 
 def test_file_is_compressed_binary_with_vectors_that_paraview_can_warp_by(tmp_path, fields):

@@ -44,12 +44,15 @@ CAVITY = [
     (0, 1),
 ]
 FLOOR = box(2, -1.4, 6, -1)
+WITH_ROOF = {"fluid": [CHANNEL_WITHOUT_FLAP], "flap": [FLAP], "roof": [box(0, 0.4, 2.5, 0.42)]}
 
 # For each region of each case: the outlines (outer, then holes).
 OUTLINES: dict[str, dict[str, list[Points]]] = {
     "flap-svk": {"fluid": [CHANNEL_WITHOUT_FLAP], "flap": [FLAP]},
     "flap-neo-hookean": {"fluid": [CHANNEL_WITHOUT_FLAP], "flap": [FLAP]},
     "flap-mooney-rivlin": {"fluid": [CHANNEL_WITHOUT_FLAP], "flap": [FLAP]},
+    "flap-neo-hookean-roof": WITH_ROOF,
+    "flap-mooney-rivlin-roof": WITH_ROOF,
     "turek-cfd1": {"fluid": [box(0, 0, 2.5, 0.41), BODY]},
     "turek-cfd2": {"fluid": [box(0, 0, 2.5, 0.41), BODY]},
     "turek-csm1": {"beam": [BEAM]},
@@ -57,14 +60,24 @@ OUTLINES: dict[str, dict[str, list[Points]]] = {
     "turek-fsi1": {"fluid": [box(0, 0, 2.5, 0.41), BODY], "beam": [BEAM]},
     "cylinder-2d1": {"fluid": [box(0, 0, 2.2, 0.41), arc(0.2, 0.2, 0.05, 0, 360)]},
     "cavity-flexible-floor": {"fluid": [CAVITY], "floor": [FLOOR]},
+    "cook": {"membrane": [[(0, 0), (48, 44), (48, 60), (0, 44)]]},
+    "cantilever": {"beam": [box(0, 0, 1, 0.01)]},
 }
+
+# The labels around a region.
+WET, DRY = {1, 2, 3, 4, 5, 8, 9, 10}, {5, 6, 7, 12}
+SIDES = {name: {"fluid": WET, "flap": {5, 6}, "roof": {7, 10, 11}} for name in OUTLINES if name.endswith("-roof")}
 
 INLET, OUTLET, WALLS = (1, "inlet", None), (2, "outlet", None), (3, "no-slip", None)
 FLAP_ROLES = [INLET, OUTLET, WALLS, (5, "interface", "flap"), (6, "clamped", None)]
+ROOF_ROLES = [*FLAP_ROLES, (7, "free", None), (10, "interface", None), (11, "clamped", None)]
+LOADED_ROLES = [(6, "clamped", None), (7, "free", None), (12, "loaded", None)]
 ROLES = {
     "flap-svk": FLAP_ROLES,
     "flap-neo-hookean": FLAP_ROLES,
     "flap-mooney-rivlin": FLAP_ROLES,
+    "flap-neo-hookean-roof": ROOF_ROLES,
+    "flap-mooney-rivlin-roof": ROOF_ROLES,
     "turek-cfd1": [INLET, OUTLET, WALLS, (4, "no-slip", "cylinder"), (5, "no-slip", "beam")],
     "turek-cfd2": [INLET, OUTLET, WALLS, (4, "no-slip", "cylinder"), (5, "no-slip", "beam")],
     "turek-csm1": [(5, "free", None), (6, "clamped", None)],
@@ -77,11 +90,14 @@ ROLES = {
         INLET, OUTLET, WALLS, (5, "interface", "floor"), (6, "clamped", None), (7, "free", None),
         (8, "no-slip", None), (9, "no-slip", None),
     ],
+    "cook": LOADED_ROLES,
+    "cantilever": LOADED_ROLES,
 }  # fmt: skip
 
 # Exact lengths worked out by hand, by label.
 LENGTHS = {
     "flap-svk": {1: 0.4, 2: 0.4, 3: 0.5 + 1.96 + 2.5, 5: 0.44, 6: 0.04},
+    "flap-mooney-rivlin-roof": {1: 0.4, 2: 0.4, 3: 2.46, 5: 0.44, 6: 0.04, 7: 2.5, 10: 2.5, 11: 0.04},
     "turek-fsi1": {
         1: 0.41,
         2: 0.41,
@@ -95,6 +111,8 @@ LENGTHS = {
     "cavity-flexible-floor": {
         1: 1, 2: 1, 3: 1.75 + 0.75 + 0.75 + 7.75 + 14, 5: 4, 6: 0.8, 7: 4, 8: math.pi / 8, 9: math.pi / 8
     },
+    "cook": {6: 44, 7: math.sqrt(48**2 + 44**2) + math.sqrt(48**2 + 16**2), 12: 16},
+    "cantilever": {6: 0.01, 7: 2, 12: 0.01},
 }  # fmt: skip
 
 
@@ -114,11 +132,10 @@ def test_areas(case: str) -> None:
 @pytest.mark.parametrize("case", CASES)
 def test_perimeters(case: str) -> None:
     found = {boundary.label: boundary.exact_length for boundary in boundaries(CASES[case])}
-    wet = [length for label, length in found.items() if label not in (6, 7)]
-    dry = [length for label, length in found.items() if label in (5, 6, 7)]
     for name, outlines in OUTLINES[case].items():
+        sides = SIDES.get(case, {}).get(name, WET if name == "fluid" else DRY)
         length = sum(length_and_area(outline)[0] for outline in outlines)
-        assert sum(wet if name == "fluid" else dry) == pytest.approx(length, rel=1e-8)
+        assert sum(found[label] for label in sides & found.keys()) == pytest.approx(length, rel=1e-8)
 
 
 @pytest.mark.parametrize("case", LENGTHS)
@@ -134,16 +151,28 @@ def test_roles(case: str) -> None:
     assert len({boundary.name for boundary in found}) == len(found)
 
 
-def test_circles_are_the_curved_no_slip_boundaries() -> None:
+def test_every_arc_has_its_circle() -> None:
     circles = {
-        case: {boundary.label: boundary.circle for boundary in boundaries(scene) if boundary.circle}
+        case: found
         for case, scene in CASES.items()
+        if (found := {boundary.label: boundary.circle for boundary in boundaries(scene) if boundary.circle})
     }
-    cylinder = {4: (0.2, 0.2, 0.05)}
-    lips = {8: (1.75, -0.25, 0.25), 9: (6.25, -0.25, 0.25)}
-    around = {case: cylinder for case in ("turek-cfd1", "turek-cfd2", "turek-fsi1", "cylinder-2d1")}
-    none = {case: {} for case in ("flap-svk", "flap-neo-hookean", "flap-mooney-rivlin", "turek-csm1", "turek-csm2")}
-    assert circles == {**none, "cavity-flexible-floor": lips, **around}
+    cylinder = (0.2, 0.2, 0.05)
+    assert circles == {
+        "turek-cfd1": {4: cylinder},
+        "turek-cfd2": {4: cylinder},
+        "turek-csm1": {6: cylinder},
+        "turek-csm2": {6: cylinder},
+        "turek-fsi1": {4: cylinder, 6: cylinder},
+        "cylinder-2d1": {4: cylinder},
+        "cavity-flexible-floor": {8: (1.75, -0.25, 0.25), 9: (6.25, -0.25, 0.25)},
+    }
+
+
+def test_only_no_slip_arcs_are_bent() -> None:
+    # The root of a beam is an arc, too, but clamped.
+    roles = {boundary.label: boundary.role for boundary in boundaries(CASES["turek-fsi1"]) if boundary.circle}
+    assert roles == {4: "no-slip", 6: "clamped"}
 
 
 def test_rigid_flap_and_solid_alone() -> None:
@@ -167,10 +196,14 @@ def test_tips() -> None:
         "flap-svk": (0.52, 0.2),
         "flap-neo-hookean": (0.52, 0.2),
         "flap-mooney-rivlin": (0.52, 0.2),
+        "flap-neo-hookean-roof": (0.52, 0.2),
+        "flap-mooney-rivlin-roof": (0.52, 0.2),
         "turek-csm1": (0.6, 0.2),
         "turek-csm2": (0.6, 0.2),
         "turek-fsi1": (0.6, 0.2),
         "cavity-flexible-floor": (4.0, -1.0),
+        "cook": (48.0, 60.0),
+        "cantilever": (1.0, 0.005),
     }
     assert set(tips) == set(expected)
     for case, tip in expected.items():
@@ -182,3 +215,32 @@ def test_lengths_follow_the_numbers() -> None:
     found = {boundary.name: boundary.exact_length for boundary in boundaries(scene)}
     assert (found["surface"], found["outer_side"], found["ends"]) == (5.0, 5.0, 0.4)
     assert scene.tip == (4.5, -1.0)
+
+
+def test_probes_are_the_middle_of_the_elastic_roof() -> None:
+    probes = {case: scene.probes for case, scene in CASES.items() if scene.probes}
+    assert probes == {case: {"roof": (1.25, 0.4)} for case in ("flap-neo-hookean-roof", "flap-mooney-rivlin-roof")}
+    scene = load_scene("flap-neo-hookean-roof", ["geometry.length=3", "geometry.height=0.5"])
+    assert scene.probes == {"roof": (1.5, 0.5)}
+
+
+def test_roof_follows_the_numbers() -> None:
+    scene = load_scene("flap-neo-hookean-roof", ["geometry.roof.thickness=3 cm", "geometry.length=2"])
+    found = {boundary.name: boundary.exact_length for boundary in boundaries(scene)}
+    assert found["walls"] == pytest.approx(1.96)
+    assert (found["roof"], found["outer_side"], found["roof_ends"]) == (2.0, 2.0, 0.06)
+    assert scene.exact_areas()["roof"] == pytest.approx(0.06)
+
+
+def test_solids_alone_follow_the_numbers() -> None:
+    panel = load_scene("cook", ["geometry.rise=-3", "geometry.width=4", "geometry.left_height=2",
+                                "geometry.right_height=8"])  # fmt: skip
+    found = {boundary.name: boundary.exact_length for boundary in boundaries(panel)}
+    assert found == {"clamped_side": 2.0, "free_sides": 5.0 + 5.0, "loaded_side": 8.0}
+    assert panel.exact_areas() == {"membrane": 20.0}
+    assert panel.tip == (4.0, 5.0)
+    strip = load_scene("cantilever", ["geometry.length=2", "geometry.thickness=0.5"])
+    assert strip.exact_areas() == {"beam": 1.0}
+    assert strip.tip == (2.0, 0.25)
+    with pytest.raises(SceneError, match="inflow"):
+        strip.inflow_profile()

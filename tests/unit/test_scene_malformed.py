@@ -41,6 +41,21 @@ OVERRIDES = [
     ("flap-svk", "solid.flap.material=[1]", ["solid.flap.material = a list of 1:", '"mooney-rivlin"']),
     ("flap-svk", "mesh_motion.kind=harmonik", ["mesh_motion.kind =", 'mean "harmonic"']),
     ("turek-fsi1", "mesh_motion.kind=hyperelastc", ["mesh_motion.kind =", '"harmonic"', 'mean "hyperelastic"']),
+    (
+        "turek-fsi1",
+        "mesh_motion.kind=linear_elastic",
+        ["mesh_motion.kind =", '"harmonic", "linear-elastic", "hyperelastic"', 'mean "linear-elastic"'],
+    ),
+    (
+        "cook",
+        "solid.membrane.formulation=incompresible",
+        [
+            'solid.membrane.formulation = "incompresible":',
+            '"displacement", "mixed", "incompressible"',
+            'mean "incompressible"',
+        ],
+    ),
+    ("cook", "solid.membrane.formulation=[1]", ["solid.membrane.formulation = a list of 1:", '"mixed"']),
     ("flap-svk", "outlet.kind=do_nothing", ["outlet.kind =", '"zero-traction"', 'mean "do-nothing"']),
     ("flap-svk", "solver.jacobian=exact", ['solver.jacobian = "exact":', '"divided-difference"']),
     ("flap-svk", "solver.start=corse", ["solver.start =", '"coarse", "rest"', 'mean "coarse"']),
@@ -72,6 +87,13 @@ OVERRIDES = [
     ("flap-svk", "fluid.density=0", ["fluid.density = 0:", "> 0 in kg/m^3"]),
     ("flap-svk", "solid.flap.lame_mu=0", ["solid.flap.lame_mu = 0:", "> 0 in Pa"]),
     ("flap-svk", "mesh_motion.stiffness_exponent=-1", ["mesh_motion.stiffness_exponent = -1:", ">= 0"]),
+    ("flap-svk", "mesh_motion.distance_exponent=-1", ["mesh_motion.distance_exponent = -1:", ">= 0"]),
+    ("flap-neo-hookean-roof", "geometry.roof.thickness=0", ["geometry.roof.thickness = 0:", "> 0 in m"]),
+    ("cook", "geometry.right_height=0", ["geometry.right_height = 0:", "> 0 in m"]),
+    ("cantilever", "geometry.thickness=-1", ["geometry.thickness = -1:", "> 0 in m"]),
+    ("cook", "traction.y=4 N", ['traction.y = "4 N":', "wrong dimension", "a number in Pa"]),
+    ("cook", "traction.z=4", ["traction.z = 4:", "unknown key", '"x", "y"']),
+    ("cook", "traction=4", ["traction = 4:", "table"]),
     ("flap-svk", "inflow.mean_velocity=-1", ["inflow.mean_velocity = -1:", ">= 0 in m/s"]),
     ("flap-svk", "solver.tolerance=1", ["solver.tolerance = 1:", "> 0 and < 1"]),
     ("flap-svk", "solver.max_iterations=0", ["solver.max_iterations = 0:", "from 1 to 1000"]),
@@ -89,6 +111,77 @@ OVERRIDES = [
         "flap-mooney-rivlin",
         "solid.flap.material=neo-hookean",
         ["solid.flap.lame_lambda:", "missing", "(young_modulus, poisson_ratio)"],
+    ),
+    # constants by formulation
+    (
+        "flap-neo-hookean",
+        'solid.flap={material="neo-hookean", density=1, formulation="incompressible", lame_lambda=8, lame_mu=2}',
+        [
+            "solid.flap.lame_lambda = 8 Pa:",
+            'not accepted with formulation = "incompressible"',
+            "Poisson's ratio is 1/2; give young_modulus or lame_mu",
+        ],
+    ),
+    (
+        "cook",
+        'solid.membrane={material="neo-hookean", density=1, formulation="incompressible", lame_lambda=8, '
+        "poisson_ratio=0.3}",
+        ["solid.membrane.lame_lambda = 8 Pa:", "\nsolid.membrane.poisson_ratio = 0.3: not accepted"],
+    ),
+    (
+        "cook",
+        'solid.membrane={material="neo-hookean", density=1, formulation="incompressible"}',
+        ["solid.membrane.lame_mu: missing;", "exactly one of lame_mu, young_modulus"],
+    ),
+    (
+        "cook",
+        'solid.membrane={material="neo-hookean", density=1, formulation="incompressible", lame_mu=1, young_modulus=3}',
+        ["solid.membrane.young_modulus: given beside lame_mu;", "exactly one of lame_mu, young_modulus"],
+    ),
+    (
+        "cook",
+        'solid.membrane={material="neo-hookean", density=1, formulation="mixed", lame_mu=1}',
+        ["solid.membrane.lame_lambda: missing beside lame_mu;", "exactly one pair"],
+    ),
+    (
+        "cook",
+        'solid.membrane={material="neo-hookean", density=1, formulation="mixed", lame_mu=1, lame_lambda=0}',
+        [
+            "solid.membrane.lame_lambda = 0 Pa:",
+            'greater than 0 Pa with formulation = "mixed"',
+            "divides by lame_lambda",
+        ],
+    ),
+    (
+        "cook",
+        'solid.membrane={material="neo-hookean", density=1, formulation="mixed", lame_mu=1, lame_lambda=-1}',
+        ["solid.membrane.lame_lambda = -1 Pa:", "-2/3 lame_mu"],
+    ),
+    (
+        "cook",
+        'solid.membrane={material="neo-hookean", density=1, formulation="mixed", lame_mu=1, poisson_ratio=-0.1}',
+        ["solid.membrane.poisson_ratio = -0.1:", 'greater than 0 with formulation = "mixed"'],
+    ),
+    (
+        "flap-mooney-rivlin",
+        'solid.flap={material="mooney-rivlin", density=1, formulation="incompressible", c10=1, c01=1, bulk_modulus=5}',
+        ["solid.flap.bulk_modulus = 5 Pa:", 'not accepted with formulation = "incompressible"', "leave it out"],
+    ),
+    (
+        "flap-mooney-rivlin",
+        'solid.flap={material="mooney-rivlin", density=1, formulation="mixed", c10=1, c01=1}',
+        ["solid.flap.bulk_modulus: missing;", 'not needed with formulation = "incompressible"'],
+    ),
+    # one problem only: without a valid formulation nothing is said about the constants
+    (
+        "flap-mooney-rivlin",
+        'solid.flap={material="mooney-rivlin", density=1, formulation="mixt", c10=1, c01=1}',
+        ['solid.flap.formulation = "mixt":', 'mean "mixed"'],
+    ),
+    (
+        "flap-svk",
+        "solid.flap.formulation=mixed",
+        ['solid.flap.formulation = "mixed":', 'unknown key; "solid.flap" with the material "st-venant-kirchhoff" has'],
     ),
     # constants of Mooney-Rivlin
     (
@@ -126,7 +219,7 @@ OVERRIDES = [
         "solid.flap.young_modulus=5",
         [
             "solid.flap.young_modulus = 5:",
-            'with the material "mooney-rivlin" has "density", "c10", "c01", "bulk_modulus", "material"',
+            'with the material "mooney-rivlin" has "density", "formulation", "c10", "c01", "bulk_modulus", "material"',
         ],
     ),
     (
@@ -154,6 +247,29 @@ OVERRIDES = [
     ("turek-cfd1", "mesh_motion.kind=harmonic", ["mesh_motion:", "a fluid and a solid"]),
     ("turek-cfd1", "mesh.root_size=0.1", ["mesh.root_size = 0.1 m:", '"flap-channel"', '"channel-cylinder"']),
     ("cylinder-2d1", "solid.beam.density=1", ["solid.beam:", "geometry.beam"]),
+    # the elastic roof
+    ("flap-svk", "geometry.roof.thickness=0.02", ["solid.roof: missing;", 'a fluid and the solids "flap", "roof"']),
+    ("flap-svk", "solid.roof.density=1", ["solid.roof:", "holds no roof unless geometry.roof is given"]),
+    ("flap-svk", "solid.rof.density=1", ["solid.rof:", 'holds "flap"', 'mean "solid.roof"']),
+    ("flap-neo-hookean-roof", "solid.rooof.density=1", ["solid.rooof:", '"flap", "roof"', 'mean "solid.roof"']),
+    ("flap-svk", "geometry.rof.thickness=1", ["geometry.rof = a table", 'mean "geometry.roof"']),
+    ("flap-svk", "geometry.roof.thicknes=1", ["geometry.roof.thicknes = 1:", 'mean "geometry.roof.thickness"']),
+    # geometries without a fluid
+    (
+        "cook",
+        "fluid={density=1, viscosity=1}",
+        ["fluid: not accepted:", 'the geometry "cook" holds no fluid'],
+    ),
+    ("cook", "inflow.mean_velocity=1", ["inflow: not accepted:", 'the geometry "cook" holds no fluid']),
+    ("cook", "outlet.kind=do-nothing", ["outlet: not accepted:", 'the geometry "cook" holds no fluid']),
+    ("cantilever", "forces.reference_length=1", ["forces: not accepted:", '"cantilever" holds no fluid']),
+    ("cantilever", "mesh_motion.kind=harmonic", ["mesh_motion: not accepted:", '"cantilever" holds no fluid']),
+    ("cook", "solid.membran.density=1", ["solid.membran:", 'holds "membrane"', 'mean "solid.membrane"']),
+    ("cook", "geometry.height=1", ["geometry.height = 1:", 'with the kind "cook" has', '"left_height"']),
+    ("cook", "mesh.root_size=1", ["mesh.root_size = 1 m:", '"flap-channel"', '"cook"']),
+    # traction
+    ("flap-svk", "traction.y=1", ["traction: not accepted:", '"flap-channel" has no loaded boundary']),
+    ("turek-csm1", "traction.x=1", ["traction: not accepted:", '"channel-cylinder" has no loaded boundary']),
     ("flap-svk", "geometry.length.x=1", ["geometry.length.x:", "single value"]),
     ("flap-svk", "geometry=5", ["geometry = 5:", "table"]),
     ("flap-svk", "solid.flap=5", ["solid.flap = 5:", "table"]),
@@ -179,6 +295,7 @@ OVERRIDES = [
 
 FLAP = "name = 'a'\n[geometry]\nkind = 'flap-channel'\n"
 FLOW = "[inflow]\nmean_velocity = 1\n[outlet]\nkind = 'do-nothing'\n"
+COOK = "name = 'a'\n[geometry]\nkind = 'cook'\n"
 SVK = "[solid.flap]\nmaterial = 'st-venant-kirchhoff'\ndensity = 1\n"
 
 TEXTS = [
@@ -201,6 +318,24 @@ TEXTS = [
     (FLAP + "[solid.flap]\nlame_mu = 1", ["solid.flap.material:", "missing", '"neo-hookean", "mooney-rivlin"']),
     (FLAP + SVK.replace("density = 1", "lame_mu = 1"), ["solid.flap.density:", "missing; density"]),
     (FLAP + SVK.replace("flap", "beam"), ["solid.beam:", "unknown solid", 'holds "flap"']),
+    (FLAP + "[geometry.roof]\n" + SVK + "lame_lambda = 1\nlame_mu = 1", ["fluid: missing;", "\nsolid.roof: missing;"]),
+    (
+        FLAP + "[geometry.roof]\n" + FLOW + "[fluid]\ndensity = 1\nviscosity = 1",
+        ["solid.flap: missing;", "\nsolid.roof: missing; a scene with geometry.roof needs a fluid and the solids"],
+    ),
+    (
+        FLAP
+        + "[geometry.roof]\n"
+        + FLOW
+        + "[fluid]\ndensity = 1\nviscosity = 1\n"
+        + SVK.replace("flap", "roof")
+        + "lame_lambda = 1\nlame_mu = 1",
+        ["solid.flap: missing;"],
+    ),
+    (COOK, ["solid: missing;", '"cook" holds "membrane"', "\ntraction: missing; dead traction"]),
+    (COOK + SVK.replace("flap", "membrane") + "lame_mu = 1\nlame_lambda = 1", ["traction: missing;", "in Pa"]),
+    (COOK + FLOW, ["solid: missing;", "\ninflow: not accepted", "\noutlet: not accepted"]),
+    (COOK.replace("cook", "coook"), ['geometry.kind = "coook":', '"cantilever"', 'mean "cook"']),
     (FLAP + "[sold.flap]\ndensity = 1", ["sold =", "unknown key", 'mean "solid"']),
 ]
 
@@ -280,6 +415,20 @@ def test_key_of_another_material_has_no_misleading_hint() -> None:
     with pytest.raises(SceneError) as caught:
         load_scene("flap-mooney-rivlin", ["solid.flap.young_modulus=5"])
     assert [problem.nearest for problem in caught.value.problems] == [None]
+
+
+@pytest.mark.parametrize(
+    ("override", "problems"),
+    [
+        ("solid.membrane.formulation=incompresible", 1),
+        ('solid.membrane={material="mooney-rivlin", density=1, formulation="mixt", c10=1, c01=1}', 1),
+        ("fluid={density=1, viscosity=1}", 1),
+    ],
+)
+def test_one_mistake_is_one_problem(override: str, problems: int) -> None:
+    with pytest.raises(SceneError) as caught:
+        load_scene("cook", [override])
+    assert len(caught.value.problems) == problems
 
 
 def test_models_built_in_python_raise_the_same_error() -> None:

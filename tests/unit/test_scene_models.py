@@ -1,16 +1,20 @@
 """Catalogue, defaults, materials, TOML, overrides."""
 
+import math
 import pickle
 import tomllib
 from pathlib import Path
+from typing import Literal, get_args
 
 import pytest
-from pydantic import ValidationError
+from pydantic import Field, ValidationError
 
 from ffsi.scene import (
     CASES,
     Beam,
+    Cantilever,
     ChannelCylinder,
+    CookMembrane,
     FlapChannel,
     Fluid,
     Inflow,
@@ -19,16 +23,22 @@ from ffsi.scene import (
     Outlet,
     Scene,
     SceneError,
+    Solid,
     StVenantKirchhoff,
+    Traction,
     load_scene,
     parse_overrides,
     with_values,
 )
+from ffsi.scene.materials import MATERIALS, Elastic
+from ffsi.scene.units import Modulus
 
 STEADY_CASES = {
     "flap-svk": "fsi",
     "flap-neo-hookean": "fsi",
     "flap-mooney-rivlin": "fsi",
+    "flap-neo-hookean-roof": "fsi",
+    "flap-mooney-rivlin-roof": "fsi",
     "turek-cfd1": "fluid",
     "turek-cfd2": "fluid",
     "turek-csm1": "solid",
@@ -36,6 +46,8 @@ STEADY_CASES = {
     "turek-fsi1": "fsi",
     "cylinder-2d1": "fluid",
     "cavity-flexible-floor": "fsi",
+    "cook": "solid",
+    "cantilever": "solid",
 }
 
 
@@ -45,6 +57,7 @@ def svk(**values: object) -> StVenantKirchhoff:
 
 def test_catalogue_physics_and_levels() -> None:
     assert {name: scene.physics for name, scene in CASES.items()} == STEADY_CASES
+    assert list(CASES) == list(STEADY_CASES)
     assert all(name == scene.name and scene.description for name, scene in CASES.items())
     levels = {name: scene.mesh.level for name, scene in CASES.items()}
     assert levels == {name: 1 if name.startswith("flap-") else 2 for name in CASES}
@@ -66,6 +79,24 @@ def test_catalogue_physics_and_levels() -> None:
         ("flap-mooney-rivlin", {
             "solid.flap.density": 1, "solid.flap.c10": 75, "solid.flap.c01": 100, "solid.flap.bulk_modulus": 5.6,
             "inflow.mean_velocity": 0.12, "mesh.level": 1, "mesh.root_size": None, "solid.flap.lame_mu": None,
+        }),
+        ("flap-neo-hookean-roof", {
+            "solid.flap.lame_lambda": 8, "solid.flap.lame_mu": 2, "solid.roof.density": 1, "solid.roof.lame_lambda": 8,
+            "solid.roof.lame_mu": 2, "geometry.roof.thickness": 0.02, "inflow.mean_velocity": 0.055, "mesh.level": 1,
+        }),
+        ("flap-mooney-rivlin-roof", {
+            "solid.flap.c10": 75, "solid.flap.c01": 100, "solid.flap.bulk_modulus": 5.6, "solid.roof.density": 1,
+            "solid.roof.lame_lambda": 8, "solid.roof.lame_mu": 2, "geometry.roof.thickness": 0.02,
+            "inflow.mean_velocity": 0.055,
+        }),
+        ("cook", {
+            "geometry.width": 48, "geometry.left_height": 44, "geometry.rise": 44, "geometry.right_height": 16,
+            "solid.membrane.density": 1, "solid.membrane.young_modulus": 200, "solid.membrane.poisson_ratio": 0.35,
+            "traction.x": 0, "traction.y": 4, "mesh.level": 2, "gravity.y": None,
+        }),
+        ("cantilever", {
+            "geometry.length": 1, "geometry.thickness": 0.01, "solid.beam.young_modulus": 109200,
+            "solid.beam.poisson_ratio": 0.3, "solid.beam.density": 1, "traction.x": 0, "traction.y": 1,
         }),
         ("turek-cfd1", {"fluid.density": 1000, "fluid.viscosity": 1, "inflow.mean_velocity": 0.2}),
         ("turek-cfd2", {"fluid.density": 1000, "fluid.viscosity": 1, "inflow.mean_velocity": 1}),
@@ -107,6 +138,54 @@ def test_flaps_differ_in_solid_and_root_only() -> None:
         assert different == {"name", "description", "mesh", "solid"}
         assert other["mesh"] == base["mesh"] | {"root_size": None}
         assert other["solid"]["flap"]["material"] == name.removeprefix("flap-")
+
+
+def test_roof_scenes_differ_from_the_rigid_ones_in_roof_and_velocity_only() -> None:
+    for name in ("flap-neo-hookean", "flap-mooney-rivlin"):
+        base, other = CASES[name].model_dump(), CASES[f"{name}-roof"].model_dump()
+        different = {key for key in base if base[key] != other[key]}
+        assert different == {"name", "description", "geometry", "solid", "inflow"}
+        assert other["solid"]["flap"] == base["solid"]["flap"]
+        assert other["solid"]["roof"] == CASES["flap-svk"].model_dump()["solid"]["flap"]
+
+
+def test_solids_are_in_the_order_of_their_regions() -> None:
+    table = CASES["flap-neo-hookean-roof"].model_dump(exclude_none=True)
+    table["solid"] = {name: table["solid"][name] for name in ("roof", "flap")}
+    scene = Scene.model_validate(table)
+    assert list(scene.solid) == list(scene.geometry.solid_names) == ["flap", "roof"]
+    assert list(scene.exact_areas()) == ["fluid", "flap", "roof"]
+    assert scene.to_toml() == CASES["flap-neo-hookean-roof"].to_toml()
+
+
+def test_load_of_the_cantilever_is_that_of_the_elastica() -> None:
+    scene = CASES["cantilever"]
+    assert isinstance(scene.geometry, Cantilever)
+    assert scene.traction is not None
+    young, nu = scene.solid["beam"].young_poisson
+    length, thickness = scene.geometry.length, scene.geometry.thickness
+    bending = young * thickness**3 / (12 * (1 - nu**2))
+    assert bending == pytest.approx(0.01, rel=1e-14)
+    assert scene.traction.y * thickness * length**2 / bending == pytest.approx(scene.traction.y, rel=1e-14)
+
+
+def test_roof_is_added_by_overrides() -> None:
+    roof = 'solid.roof={material="st-venant-kirchhoff", density=1, lame_lambda=8, lame_mu=2}'
+    velocity = "inflow.mean_velocity=0.055"
+    scene = load_scene("flap-neo-hookean", ["geometry.roof.thickness=0.02", roof, velocity])
+    expected = CASES["flap-neo-hookean-roof"]
+    assert scene == with_values(expected, {"name": scene.name, "description": scene.description})
+    assert load_scene("flap-neo-hookean", ["geometry.roof={}", roof, velocity]) == scene
+
+
+def test_traction_of_a_short_scene() -> None:
+    membrane = {"material": "st-venant-kirchhoff", "density": 1, "young_modulus": 1, "poisson_ratio": 0}
+    scene = Scene(name="a", geometry=CookMembrane(), solid={"membrane": membrane}, traction=Traction(x="-2 kPa"))
+    parameters = scene.parameters()
+    assert (parameters["traction.x"], parameters["traction.y"]) == (-2000.0, 0.0)
+    assert scene.element_sizes == CookMembrane.default_sizes
+    assert (scene.forces, scene.mesh_motion, scene.fluid) == (None, None, None)
+    assert Scene.from_toml(scene.to_toml()) == scene
 
 
 # TOML -----------------------------------------------------------------------------------------------------------------
@@ -163,6 +242,7 @@ def test_short_scene_is_filled_in() -> None:
     assert parameters["forces.reference_length"] == 0.15
     assert parameters["mesh_motion.stiffness_exponent"] == 1.0
     assert parameters["mesh_motion.divergence_weight"] == 1.0
+    assert parameters["mesh_motion.distance_exponent"] == 0.0
     assert parameters["mesh.far_size"] == FlapChannel.default_sizes.far_size
     assert scene.element_sizes == FlapChannel.default_sizes
     assert "root_size" not in tomllib.loads(scene.to_toml())["mesh"]
@@ -249,6 +329,71 @@ def test_mooney_rivlin_constants_at_rest() -> None:
         MooneyRivlin(material="mooney-rivlin", density=1, c10=0, c01=0, bulk_modulus=1)
 
 
+NEO = {"material": "neo-hookean", "density": 1}
+MOONEY_RIVLIN = {"material": "mooney-rivlin", "density": 1, "c10": 75, "c01": 100}
+
+
+def test_formulations() -> None:
+    def kinds(solid: Elastic) -> tuple[bool, bool]:
+        return solid.mixed, solid.incompressible
+
+    assert kinds(svk(lame_lambda=8, lame_mu=2)) == (False, False)
+    for law, values, volume in [
+        (NeoHookean, NEO | {"lame_mu": 2}, {"lame_lambda": 8}), (MooneyRivlin, MOONEY_RIVLIN, {"bulk_modulus": 5.6})
+    ]:  # fmt: skip
+        assert kinds(law(**values, **volume)) == (False, False)
+        assert kinds(law(**values, **volume, formulation="displacement")) == (False, False)
+        assert kinds(law(**values, **volume, formulation="mixed")) == (True, False)
+        assert kinds(law(**values, formulation="incompressible")) == (True, True)
+
+
+@pytest.mark.parametrize(
+    ("solid", "young", "nu", "lame_lambda", "mu", "bulk"),
+    [
+        (svk(lame_lambda=8, lame_mu=2), 5.6, 0.4, 8, 2, 28 / 3),
+        (svk(young_modulus=5.6, poisson_ratio=0.4), 5.6, 0.4, 8, 2, 28 / 3),
+        (NeoHookean(**NEO, lame_mu=2, poisson_ratio=0.4, formulation="mixed"), 5.6, 0.4, 8, 2, 28 / 3),
+        (NeoHookean(**NEO, lame_mu=2, formulation="incompressible"), 6, 0.5, math.inf, 2, math.inf),
+        (NeoHookean(**NEO, young_modulus="6 Pa", formulation="incompressible"), 6, 0.5, math.inf, 2, math.inf),
+        (MooneyRivlin(**MOONEY_RIVLIN, bulk_modulus=700), 900, 2 / 7, 1400 / 3, 350, 700),
+        (MooneyRivlin(**MOONEY_RIVLIN, bulk_modulus=700, formulation="mixed"), 900, 2 / 7, 1400 / 3, 350, 700),
+        (MooneyRivlin(**MOONEY_RIVLIN, formulation="incompressible"), 1050, 0.5, math.inf, 350, math.inf),
+    ],
+)
+def test_all_elastic_constants(
+    solid: Elastic, young: float, nu: float, lame_lambda: float, mu: float, bulk: float
+) -> None:
+    expected = {"young_modulus": young, "poisson_ratio": nu, "lame_lambda": lame_lambda, "lame_mu": mu,
+                "bulk_modulus": bulk}  # fmt: skip
+    assert list(solid.elastic_constants) == list(expected)
+    assert solid.elastic_constants == pytest.approx(expected, rel=1e-13)
+    assert solid.lame == pytest.approx((lame_lambda, mu), rel=1e-13)
+    assert solid.young_poisson == pytest.approx((young, nu), rel=1e-13)
+
+
+def test_materials_are_those_of_the_union() -> None:
+    assert tuple(MATERIALS.values()) == get_args(get_args(Solid)[0])
+    assert {name: law.model_fields["material"].annotation for name, law in MATERIALS.items()} == {
+        name: Literal[name] for name in MATERIALS
+    }
+
+
+def test_a_material_is_its_constants_and_their_values_at_rest() -> None:
+    class Gent(Elastic):
+        material: Literal["gent"] = Field(description='material law: "gent"')
+        shear: Modulus = Field(description="shear modulus, Pa")
+
+        @property
+        def lame(self) -> tuple[float, float]:
+            return 4 * self.shear, self.shear
+
+    solid = Gent(material="gent", density=1, shear="2 kPa")
+    assert solid.elastic_constants == pytest.approx(
+        {"young_modulus": 5600, "poisson_ratio": 0.4, "lame_lambda": 8000, "lame_mu": 2000, "bulk_modulus": 28000 / 3}
+    )
+    assert not solid.mixed
+
+
 # Overrides ------------------------------------------------------------------------------------------------------------
 
 
@@ -313,6 +458,93 @@ def test_mooney_rivlin_needs_its_own_constants() -> None:
     assert load_scene("flap-mooney-rivlin", back).solid == CASES["flap-svk"].solid
 
 
+INCOMPRESSIBLE = {"solid.flap.formulation": "incompressible"}
+
+
+@pytest.mark.parametrize(
+    ("pair", "kept"),
+    [
+        ({"lame_lambda": 8, "lame_mu": 2}, {"lame_mu": 2.0}),
+        ({"lame_mu": 2, "poisson_ratio": 0.4}, {"lame_mu": 2.0}),
+        ({"young_modulus": 6, "poisson_ratio": 0.4}, {"young_modulus": 6.0}),
+    ],
+)
+def test_incompressible_keeps_one_constant(pair: dict[str, float], kept: dict[str, float]) -> None:
+    base = with_values(CASES["flap-svk"], {"solid.flap": NEO | pair})
+    flap = with_values(base, INCOMPRESSIBLE).solid["flap"]
+    assert flap.model_dump(exclude_none=True) == NEO | kept | {"formulation": "incompressible"}
+    assert flap.lame == (math.inf, 2.0)
+    for new in ({"lame_mu": 5.0}, {"young_modulus": 15.0}):
+        values = INCOMPRESSIBLE | {f"solid.flap.{name}": value for name, value in new.items()}
+        changed = with_values(base, values)
+        assert changed.solid["flap"].model_dump(exclude_none=True) == NEO | new | {"formulation": "incompressible"}
+        assert changed.solid["flap"].lame == (math.inf, 5.0)
+        assert Scene.from_toml(changed.to_toml()) == changed
+        again = with_values(
+            with_values(base, INCOMPRESSIBLE), {key: values[key] for key in values.keys() - INCOMPRESSIBLE}
+        )
+        assert again == changed
+    for name, value in (("poisson_ratio", 0.3), ("lame_lambda", 3)):
+        with pytest.raises(SceneError, match=rf"^solid.flap.{name} = .*: not accepted with formulation"):
+            with_values(base, INCOMPRESSIBLE | {f"solid.flap.{name}": value})
+
+
+def test_mixed_keeps_the_constants() -> None:
+    for case in ("flap-neo-hookean", "flap-mooney-rivlin"):
+        mixed = load_scene(case, ["solid.flap.formulation=mixed"])
+        expected = CASES[case].solid["flap"].model_dump() | {"formulation": "mixed"}
+        assert mixed.solid["flap"].model_dump() == expected
+        assert Scene.from_toml(mixed.to_toml()) == mixed
+        assert load_scene(case, ["solid.flap.formulation=displacement"]) == CASES[case]
+    # A negative lambda, as the paper's bulk modulus makes it, is no obstacle: its volume equation divides by K.
+    assert mixed.solid["flap"].lame[0] < 0
+
+
+def test_back_from_incompressible() -> None:
+    scene = with_values(CASES["flap-neo-hookean"], INCOMPRESSIBLE)
+    back = {"solid.flap.formulation": "displacement"}
+    with pytest.raises(SceneError, match=r"^solid.flap.lame_lambda: missing beside lame_mu; accepted is exactly one"):
+        with_values(scene, back)
+    for pair in ({"lame_lambda": 8}, {"lame_lambda": 8, "lame_mu": 2}, {"poisson_ratio": 0.4},
+                 {"young_modulus": 5.6, "poisson_ratio": 0.4}):  # fmt: skip
+        flap = with_values(scene, back | {f"solid.flap.{name}": value for name, value in pair.items()}).solid["flap"]
+        assert flap.lame == pytest.approx((8.0, 2.0), rel=1e-14)
+        assert not flap.mixed
+    mooney = with_values(CASES["flap-mooney-rivlin"], INCOMPRESSIBLE)
+    with pytest.raises(SceneError, match=r"^solid.flap.bulk_modulus: missing; bulk modulus K, Pa"):
+        with_values(mooney, back)
+    assert with_values(mooney, back | {"solid.flap.bulk_modulus": 5.6}) == CASES["flap-mooney-rivlin"]
+
+
+def test_incompressible_mooney_rivlin_drops_the_bulk_modulus() -> None:
+    scene = with_values(CASES["flap-mooney-rivlin"], INCOMPRESSIBLE)
+    flap = scene.solid["flap"]
+    assert flap.model_dump(exclude_none=True) == MOONEY_RIVLIN | {"formulation": "incompressible"}
+    assert "solid.flap.bulk_modulus" not in scene.parameters()
+    assert Scene.from_toml(scene.to_toml()) == scene
+    with pytest.raises(SceneError, match=r"^solid.flap.bulk_modulus = 7 Pa: not accepted with formulation"):
+        with_values(CASES["flap-mooney-rivlin"], INCOMPRESSIBLE | {"solid.flap.bulk_modulus": 7})
+    with pytest.raises(SceneError, match=r"^solid.flap.bulk_modulus = 7 Pa: not accepted with formulation"):
+        with_values(scene, {"solid.flap.bulk_modulus": 7})
+
+
+def test_material_and_formulation_change_together() -> None:
+    neo = {"solid.flap.material": "neo-hookean"}
+    flap = with_values(CASES["flap-svk"], neo | INCOMPRESSIBLE).solid["flap"]
+    assert flap == with_values(CASES["flap-neo-hookean"], INCOMPRESSIBLE).solid["flap"]
+    mixed = load_scene("flap-neo-hookean", ["solid.flap.formulation=mixed"])
+    svk_name = {"solid.flap.material": "st-venant-kirchhoff"}
+    assert with_values(mixed, svk_name).solid == CASES["flap-svk"].solid
+    incompressible = with_values(CASES["flap-neo-hookean"], INCOMPRESSIBLE)
+    with pytest.raises(SceneError, match=r"^solid.flap.lame_lambda: missing beside lame_mu"):
+        with_values(incompressible, svk_name)
+    assert with_values(incompressible, svk_name | {"solid.flap.lame_lambda": 8}).solid == CASES["flap-svk"].solid
+    # Between two materials that have the key, the formulation stays.
+    constants = {f"solid.flap.{name}": value for name, value in (MOONEY_RIVLIN.items() - NEO.items())}
+    mooney = with_values(incompressible, constants | {"solid.flap.material": "mooney-rivlin"}).solid["flap"]
+    assert mooney == with_values(CASES["flap-mooney-rivlin"], INCOMPRESSIBLE).solid["flap"]
+
+
 def test_keys_beside_a_whole_table_change_that_table() -> None:
     table = 'solid.flap={material="neo-hookean", density=1, young_modulus=5.6, poisson_ratio=0.3}'
     flap = load_scene("flap-svk", [table, "solid.flap.poisson_ratio=0.4"]).solid["flap"]
@@ -328,7 +560,7 @@ def test_beam_can_be_made_elastic() -> None:
     assert scene.mesh_motion is not None
 
 
-def test_mesh_motion_has_two_kinds() -> None:
+def test_mesh_motion_has_three_kinds() -> None:
     def kind(scene: Scene) -> str:
         assert scene.mesh_motion is not None
         return scene.mesh_motion.kind
@@ -336,10 +568,12 @@ def test_mesh_motion_has_two_kinds() -> None:
     kinds = {name: kind(scene) for name, scene in CASES.items() if scene.physics == "fsi"}
     assert kinds == {
         "flap-svk": "hyperelastic", "flap-neo-hookean": "hyperelastic", "flap-mooney-rivlin": "hyperelastic",
+        "flap-neo-hookean-roof": "hyperelastic", "flap-mooney-rivlin-roof": "hyperelastic",
         "turek-fsi1": "harmonic", "cavity-flexible-floor": "harmonic",
     }  # fmt: skip
-    for name in ("harmonic", "hyperelastic"):
-        scene = load_scene("turek-fsi1", [f"mesh_motion.kind={name}"])
+    for name in ("harmonic", "linear-elastic", "hyperelastic"):
+        scene = load_scene("turek-fsi1", [f"mesh_motion.kind={name}", "mesh_motion.distance_exponent=1.5"])
+        assert scene.parameters()["mesh_motion.distance_exponent"] == 1.5
         assert kind(scene) == name
         assert Scene.from_toml(scene.to_toml()) == scene
     assert kind(load_scene("turek-cfd1", [

@@ -4,20 +4,28 @@ from typing import Annotated
 
 from pydantic import Field
 
-from ffsi.scene.geometry.base import ElementSizes, GeometryBase, Physics
+from ffsi.scene.geometry.base import ChannelGeometry, ElementSizes, GeometryBase, Physics
+from ffsi.scene.geometry.cantilever import Cantilever
 from ffsi.scene.geometry.channel_cavity import ChannelCavity
 from ffsi.scene.geometry.channel_cylinder import Beam, ChannelCylinder
-from ffsi.scene.geometry.flap_channel import FlapChannel
+from ffsi.scene.geometry.cook_membrane import CookMembrane
+from ffsi.scene.geometry.flap_channel import FlapChannel, Roof
 
-Geometry = Annotated[FlapChannel | ChannelCylinder | ChannelCavity, Field(discriminator="kind")]
+Geometry = Annotated[
+    FlapChannel | ChannelCylinder | ChannelCavity | CookMembrane | Cantilever, Field(discriminator="kind")
+]
 
 __all__ = [
     "Beam",
+    "Cantilever",
     "ChannelCavity",
     "ChannelCylinder",
+    "ChannelGeometry",
+    "CookMembrane",
     "ElementSizes",
     "FlapChannel",
     "Geometry",
     "GeometryBase",
     "Physics",
+    "Roof",
 ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import ClassVar, Literal, Self
 
@@ -40,16 +41,13 @@ class GeometryBase(Table, ABC):
     """
 
     default_sizes: ClassVar[ElementSizes]
-
-    @property
-    @abstractmethod
-    def channel_height(self) -> float:
-        """Height H of the channel at the inlet, y from 0 to H, m."""
+    optional_solids: ClassVar[tuple[str, ...]] = ()
+    """Names of solids that are there only if the geometry's table of the same name is given."""
 
     @property
     @abstractmethod
     def solid_names(self) -> tuple[str, ...]:
-        """Names of the solids that the geometry can hold."""
+        """Names of the solids that the geometry can hold, in the order of their regions."""
 
     @property
     @abstractmethod
@@ -57,9 +55,9 @@ class GeometryBase(Table, ABC):
         """Reference point (x, y) in m where tip_ux and tip_uy are taken; None if nothing can move."""
 
     @property
-    @abstractmethod
-    def reference_length(self) -> float:
-        """Length in m that the force coefficients take by default."""
+    def probes(self) -> dict[str, tuple[float, float]]:
+        """Further reference points (x, y) in m by name, where NAME_ux and NAME_uy are taken."""
+        return {}
 
     @abstractmethod
     def exact_areas(self, physics: Physics) -> dict[str, float]:
@@ -72,9 +70,13 @@ class GeometryBase(Table, ABC):
     def boundaries(self, physics: Physics) -> list[Boundary]:
         """Return the boundaries that the physics has."""
 
-    @abstractmethod
     def problems(self) -> list[Problem]:
         """Return what does not fit together."""
+        return []
+
+    def scene_problems(self, solids: Collection[str], has_fluid: bool) -> list[Problem]:
+        """Return what a scene with these solids, with or without a fluid, lacks; keys are those of the scene."""
+        return []
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
@@ -96,6 +98,20 @@ class GeometryBase(Table, ABC):
         if value > limit:
             return []
         return [Problem(key, f"must be greater than {limit_text} = {number_text(limit)} m", f"{short(value)} m")]
+
+
+class ChannelGeometry(GeometryBase):
+    """A reference domain with a channel, which can hold a fluid."""
+
+    @property
+    @abstractmethod
+    def channel_height(self) -> float:
+        """Height H of the channel at the inlet, y from 0 to H, m."""
+
+    @property
+    @abstractmethod
+    def reference_length(self) -> float:
+        """Length in m that the force coefficients take by default."""
 
 
 def surface_role(physics: Physics) -> Role:

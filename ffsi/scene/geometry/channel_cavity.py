@@ -9,11 +9,11 @@ from pydantic import Field
 
 from ffsi.scene.boundaries import CLAMPED, INLET, LEFT_LIP, OUTER, OUTLET, RIGHT_LIP, SURFACE, WALLS, Boundary
 from ffsi.scene.errors import Problem
-from ffsi.scene.geometry.base import ElementSizes, GeometryBase, Physics, surface_role
+from ffsi.scene.geometry.base import ChannelGeometry, ElementSizes, Physics, surface_role
 from ffsi.scene.units import Length
 
 
-class ChannelCavity(GeometryBase):
+class ChannelCavity(ChannelGeometry):
     """Channel [0, length] x [0, height] over a cavity with rounded lips and an elastic floor; solid ``floor``.
 
     The floor is [left, left + width] x [-depth - thickness, -depth], clamped at its two ends; its outer side is free.

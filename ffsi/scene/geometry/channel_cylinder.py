@@ -10,7 +10,7 @@ from pydantic import Field
 from ffsi.scene.base import Table
 from ffsi.scene.boundaries import CLAMPED, CYLINDER, INLET, OUTLET, SURFACE, WALLS, Boundary
 from ffsi.scene.errors import Problem
-from ffsi.scene.geometry.base import ElementSizes, GeometryBase, Physics, surface_role
+from ffsi.scene.geometry.base import ChannelGeometry, ElementSizes, Physics, surface_role
 from ffsi.scene.units import Coordinate, Length
 
 
@@ -21,9 +21,10 @@ class Beam(Table):
     thickness: Length = Field(0.02, description="thickness, m")
 
 
-class ChannelCylinder(GeometryBase):
+class ChannelCylinder(ChannelGeometry):
     """Channel [0, length] x [0, height] around a cylinder; solid ``beam`` where `beam` is given."""
 
+    optional_solids: ClassVar[tuple[str, ...]] = ("beam",)
     default_sizes: ClassVar[ElementSizes] = ElementSizes(growth=0.75, far_size=0.09, body_size=0.014, corner_size=0.003)
 
     kind: Literal["channel-cylinder"] = Field("channel-cylinder", description="name of the geometry")
@@ -98,9 +99,9 @@ class ChannelCylinder(GeometryBase):
     def boundaries(self, physics: Physics) -> list[Boundary]:
         """Return inlet, outlet, walls, the wetted arc of the cylinder, the beam's surface and its root arc."""
         radius, angle = self.cylinder_radius, self.root_half_angle
+        circle = (self.cylinder_x, self.cylinder_y, radius)
         found = []
         if physics != "solid":
-            circle = (self.cylinder_x, self.cylinder_y, radius)
             found += [
                 Boundary("inlet", INLET, "inlet", self.height),
                 Boundary("outlet", OUTLET, "outlet", self.height),
@@ -112,5 +113,5 @@ class ChannelCylinder(GeometryBase):
             part = None if physics == "solid" else "beam"
             found.append(Boundary("surface", SURFACE, surface_role(physics), wet, part))
             if physics != "fluid":
-                found.append(Boundary("root", CLAMPED, "clamped", 2 * angle * radius))
+                found.append(Boundary("root", CLAMPED, "clamped", 2 * angle * radius, circle=circle))
         return found

@@ -2,19 +2,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import ClassVar, Literal
 
 from pydantic import Field
 
-from ffsi.scene.boundaries import CLAMPED, INLET, OUTLET, SURFACE, WALLS, Boundary
-from ffsi.scene.errors import Problem
-from ffsi.scene.geometry.base import ElementSizes, GeometryBase, Physics, surface_role
+from ffsi.scene.base import Table
+from ffsi.scene.boundaries import CLAMPED, INLET, OUTER, OUTLET, ROOF, ROOF_ENDS, SURFACE, WALLS, Boundary
+from ffsi.scene.errors import Problem, names
+from ffsi.scene.geometry.base import ChannelGeometry, ElementSizes, Physics, surface_role
 from ffsi.scene.units import Length
 
 
-class FlapChannel(GeometryBase):
-    """Channel [0, length] x [0, height] with the flap [left, left + width] x [0, flap_height]; solid ``flap``."""
+class Roof(Table):
+    """The elastic roof of the channel."""
 
+    thickness: Length = Field(0.02, description="thickness, m")
+
+
+class FlapChannel(ChannelGeometry):
+    """Channel [0, length] x [0, height] with the flap [left, left + width] x [0, flap_height]; solid ``flap``.
+
+    With `roof` the channel's upper side is the elastic strip [0, length] x [height, height + thickness], clamped at
+    its two ends, with a free upper side; solid ``roof``.
+    """
+
+    optional_solids: ClassVar[tuple[str, ...]] = ("roof",)
     default_sizes: ClassVar[ElementSizes] = ElementSizes(growth=0.6, far_size=0.1, body_size=0.015, corner_size=0.008)
 
     kind: Literal["flap-channel"] = Field("flap-channel", description="name of the geometry")
@@ -23,6 +36,7 @@ class FlapChannel(GeometryBase):
     flap_left: Length = Field(0.5, description="x of the flap's left side, m")
     flap_width: Length = Field(0.04, description="width of the flap along the channel, m")
     flap_height: Length = Field(0.2, description="height of the flap, m")
+    roof: Roof | None = Field(None, description="elastic roof (thickness in m); the roof is rigid if absent")
 
     def problems(self) -> list[Problem]:
         """Return what does not fit: the flap must stand inside the channel."""
@@ -35,6 +49,14 @@ class FlapChannel(GeometryBase):
             ),
         ]
 
+    def scene_problems(self, solids: Collection[str], has_fluid: bool) -> list[Problem]:
+        """Return what an elastic roof lacks: it needs both solids and the fluid between them."""
+        if self.roof is None:
+            return []
+        text = f"missing; a scene with geometry.roof needs a fluid and the solids {names(self.solid_names)}"
+        found = [] if has_fluid else [Problem("fluid", text)]
+        return found + [Problem(f"solid.{name}", text) for name in self.solid_names if name not in solids]
+
     @property
     def channel_height(self) -> float:
         """Height of the channel, m."""
@@ -42,8 +64,8 @@ class FlapChannel(GeometryBase):
 
     @property
     def solid_names(self) -> tuple[str, ...]:
-        """The flap."""
-        return ("flap",)
+        """The flap, and the roof if it is elastic."""
+        return ("flap",) if self.roof is None else ("flap", "roof")
 
     @property
     def tip(self) -> tuple[float, float]:
@@ -51,25 +73,40 @@ class FlapChannel(GeometryBase):
         return (self.flap_left + self.flap_width / 2, self.flap_height)
 
     @property
+    def probes(self) -> dict[str, tuple[float, float]]:
+        """Middle of the elastic roof's wet side, m."""
+        return {} if self.roof is None else {"roof": (self.length / 2, self.height)}
+
+    @property
     def reference_length(self) -> float:
         """Height of the flap, m."""
         return self.flap_height
 
     def exact_areas(self, physics: Physics) -> dict[str, float]:
-        """Return the areas in m^2 of "fluid" and "flap"."""
+        """Return the areas in m^2 of "fluid", "flap" and, if it is elastic, "roof"."""
         flap = self.flap_width * self.flap_height
-        return self._keep({"fluid": self.length * self.height - flap, "flap": flap}, physics)
+        areas = {"fluid": self.length * self.height - flap, "flap": flap}
+        if self.roof is not None:
+            areas["roof"] = self.length * self.roof.thickness
+        return self._keep(areas, physics)
 
     def boundaries(self, physics: Physics) -> list[Boundary]:
-        """Return inlet, outlet, walls, the flap's surface and its root."""
+        """Return inlet, outlet, walls, the flap's surface and root, and the elastic roof's sides."""
         wet = 2 * self.flap_height + self.flap_width
+        floor = self.length - self.flap_width
         found = [Boundary("surface", SURFACE, surface_role(physics), wet, None if physics == "solid" else "flap")]
         if physics != "solid":
             found += [
                 Boundary("inlet", INLET, "inlet", self.height),
                 Boundary("outlet", OUTLET, "outlet", self.height),
-                Boundary("walls", WALLS, "no-slip", 2 * self.length - self.flap_width),
+                Boundary("walls", WALLS, "no-slip", floor if self.roof else floor + self.length),
             ]
         if physics != "fluid":
             found.append(Boundary("root", CLAMPED, "clamped", self.flap_width))
+        if self.roof is not None:
+            found += [
+                Boundary("roof", ROOF, "interface", self.length),
+                Boundary("roof_ends", ROOF_ENDS, "clamped", 2 * self.roof.thickness),
+                Boundary("outer_side", OUTER, "free", self.length),
+            ]
         return found

@@ -1,0 +1,22 @@
+"""Forces from outside: gravity and traction."""
+
+from __future__ import annotations
+
+from pydantic import Field
+
+from ffsi.scene.base import Table
+from ffsi.scene.units import Acceleration, Stress
+
+
+class Gravity(Table):
+    """Acceleration by gravity, on fluid and solids."""
+
+    x: Acceleration = Field(0.0, description="x component, m/s^2")
+    y: Acceleration = Field(0.0, description="y component, m/s^2")
+
+
+class Traction(Table):
+    """Dead traction on the loaded boundary: it keeps its direction, and counts per reference length."""
+
+    x: Stress = Field(0.0, description="x component, Pa")
+    y: Stress = Field(0.0, description="y component, Pa")

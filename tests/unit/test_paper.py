@@ -1,0 +1,233 @@
+"""The paper's study: its data, figures, tables, and what becomes of sweeps that end early."""
+
+import io
+import re
+
+import numpy as np
+import pandas as pd
+import pytest
+from PIL import Image
+from run_folders import make_run
+
+from ffsi.folder import InputError
+from ffsi.paper import cases, document, pictures, statements, study, sweeps
+from ffsi.paper.cases import CASES, Curve, PaperCase
+from ffsi.paper.sweeps import Outcome
+from ffsi.scene import SceneError, load_scene
+
+KEY = "inflow.mean_velocity"
+FIGURES = ["figure-03-velocity.png", "figure-04-pressure.png", "figure-05-displacement.png", "figure-12-forces.png"]
+
+
+@pytest.fixture
+def one(monkeypatch) -> PaperCase:
+    """Only case 1, with three points and one sweep to compare with."""
+    curve = Curve("case-1", "coarse root", "flap-svk", (0.04, 0.08, 0.12))
+    other = Curve("fine", "fine root", "flap-svk", (0.04, 0.08), ("mesh.root_size=0.005",))
+    case = PaperCase(1, "St. Venant-Kirchhoff flap", curve, (other,))
+    monkeypatch.setattr(study, "CASES", (case,))
+    return case
+
+
+def outcome(curve: Curve, tmp_path, *, steps: int, failure: str = "", **columns) -> Outcome:
+    """A sweep over 0.01, 0.02, ... m/s whose last point failed if `failure` says so."""
+    count = len(next(iter(columns.values())))
+    failures = [""] * steps + [failure] * (count - steps)
+    table = pd.DataFrame({
+        KEY: 0.01 * np.arange(1, count + 1),
+        "status": ["failed" if item else "converged" for item in failures],
+        "reason": ["J too small" if item else "" for item in failures],
+        "failure": failures,
+        **columns,
+        "check_maximum": 1.234e-11,
+        "seconds": 3.0,
+        "folder": ".",
+        "point": 1,
+    })  # fmt: skip
+    return Outcome(curve, load_scene(curve.scene, ["mesh.level=0"]), make_run(tmp_path / curve.name), table)
+
+
+def rows_of(markdown: str) -> list[list[str]]:
+    return [[cell.strip() for cell in line.strip("|").split("|")] for line in markdown.splitlines()[2:]]
+
+
+def test_every_figure_from_3_to_14_has_its_place():
+    numbers = sorted(number for case in CASES for number in case.figures.values())
+    assert numbers == list(range(3, 15))
+    assert [case.figures["forces"] for case in CASES] == [12, 13, 14]
+    assert pictures.file_name(CASES[1], "pressure") == "figure-07-pressure.png"
+
+
+def test_the_velocities_are_those_of_the_paper():
+    first, second, third = (case.curve.velocities for case in CASES)
+    assert first == (0.012, 0.024, 0.036, 0.048, 0.06, 0.072, 0.084, 0.096, 0.108, 0.12)
+    assert second[:10] == third[:10] == (0.0055, 0.011, 0.0165, 0.022, 0.0275, 0.033, 0.0385, 0.044, 0.0495, 0.055)
+    assert second[-1] == third[-1] == 0.12
+    assert all(tuple(sorted(curve.velocities)) == curve.velocities for curve in cases.all_curves(CASES))
+
+
+def test_every_sweep_is_a_valid_scene_with_a_name_of_its_own():
+    curves = cases.all_curves(CASES)
+    scenes = sweeps.load_scenes(curves, 3)
+    assert len({curve.name for curve in curves}) == len(curves)
+    assert {scene.mesh.level for scene in scenes.values()} == {3}
+    bulk = {scenes[curve].solid["flap"].bulk_modulus for curve in CASES[2].curves}
+    assert bulk == {5.6, 1.75e4}
+    assert [set(scenes[case.curve].solid) for case in CASES] == [{"flap"}, {"flap", "roof"}, {"flap", "roof"}]
+    with pytest.raises(SceneError, match=re.escape("mesh.level = 7")):
+        sweeps.load_scenes(curves, 7)
+
+
+def test_the_study_writes_tables_figures_and_text_and_resumes(tmp_path, capsys, freefem, check, one):
+    out, runs = tmp_path / "out", tmp_path / "runs"
+    assert study.main(level=0, jobs=2, out=out, runs=runs) == []
+    assert sorted(path.name for path in out.iterdir()) == sorted([*FIGURES, "case-1.csv", "fine.csv", "paper.md"])
+    assert sorted(freefem.solved) == [0.04, 0.04, 0.08, 0.08, 0.12]
+    table = pd.read_csv(out / "case-1.csv")
+    assert table[KEY].tolist() == [0.04, 0.08, 0.12]
+    assert table["drag"].tolist() == [0.08, 0.16, 0.24]
+    assert not {"seconds", "folder", "point"} & set(table)
+    text = (out / "paper.md").read_text()
+    assert "`ffsi paper --level 0` (FreeFEM 4.9 with MUMPS, mesh level 0)" in text
+    assert "*Figure 3, at 0.12 m/s: velocity" in text
+    assert all(f"]({name})" in text for name in FIGURES)
+    for name in FIGURES:
+        assert (out / name).stat().st_size <= 150_000
+        assert Image.open(out / name).width > 500
+    assert (runs / "level-0" / "fine" / "sweep.csv").is_file()
+    assert re.search(r"case 1 +flap-svk +900 +3 of 3 +0\.12", capsys.readouterr().out)
+    before = {path.name: path.read_bytes() for path in out.iterdir()}
+    assert study.main(level=0, out=out, runs=runs) == []
+    assert len(freefem.solved) == 5
+    assert {path.name: path.read_bytes() for path in out.iterdir()} == before
+
+
+def test_where_a_sweep_ends_stays_visible_and_is_no_failure(tmp_path, capsys, freefem, check, one):
+    freefem.fail = 0.08
+    assert study.main([1], level=0, out=tmp_path / "out", runs=tmp_path / "runs") == []
+    table = pd.read_csv(tmp_path / "out" / "case-1.csv")
+    assert table["failure"].fillna("").tolist() == ["", "not-converged", "not-reached"]
+    assert table["reason"][1] == "J too small"
+    assert table["drag"].notna().tolist() == [True, False, False]
+    assert table["min_jacobian"].notna().tolist() == [True, True, False]
+    text = (tmp_path / "out" / "paper.md").read_text()
+    assert "The sweep ended at 0.08 m/s: J too small. Points after it that were not tried: 1." in text
+    assert "*Figure 3, at 0.04 m/s: velocity" in text
+    assert "| failed (not-reached) |" in text
+    assert "| case 1 | flap-svk | 900 | 1 of 3 | 0.04 | 0.08 |" in text
+    assert "case-1 ended at 0.08 m/s: J too small" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("ending", "velocity", "failures"),
+    [("fail", 0.04, {"not-converged", "not-reached"}), ("die", 0.08, {"crash"}), ("wrong", 0.08, {"check"})],
+)
+def test_failures_are_returned(tmp_path, freefem, check, one, ending, velocity, failures):
+    setattr(check if ending == "wrong" else freefem, ending, velocity)
+    assert set(study.main(level=0, out=tmp_path / "out", runs=tmp_path / "runs")) == failures
+    text = (tmp_path / "out" / "paper.md").read_text()
+    assert ("Figure 3: nothing was solved" in text) == (ending == "fail")
+    assert (tmp_path / "out" / FIGURES[0]).is_file() == (ending != "fail")
+
+
+def test_bad_input_writes_nothing(tmp_path, freefem, check, one):
+    with pytest.raises(InputError, match="the paper has the cases 1, not 4"):
+        study.main([1, 4], level=0, out=tmp_path / "out", runs=tmp_path / "runs")
+    with pytest.raises(SceneError):
+        study.main(level=9, out=tmp_path / "out", runs=tmp_path / "runs")
+    assert list(tmp_path.iterdir()) == []
+    (tmp_path / "file").write_text("mine")
+    with pytest.raises(InputError, match="is a file"):
+        study.main(level=0, out=tmp_path / "file", runs=tmp_path / "runs")
+    assert freefem.solved == []
+
+
+def test_sweeps_with_another_definition_are_refused(tmp_path, monkeypatch, freefem, check, one):
+    study.main(level=0, out=tmp_path / "out", runs=tmp_path / "runs")
+    changed = Curve("case-1", "coarse root", "flap-svk", (0.05, 0.08))
+    monkeypatch.setattr(study, "CASES", (PaperCase(1, "changed", changed),))
+    with pytest.raises(InputError, match="another definition"):
+        study.main(level=0, out=tmp_path / "out", runs=tmp_path / "runs")
+
+
+def test_the_command_is_the_one_that_was_given():
+    assert study.command(None, study.LEVEL) == "ffsi paper"
+    assert study.command([1, 3], 0) == "ffsi paper --level 0 --cases 1,3"
+
+
+def test_the_highest_velocity_counts_and_not_the_last_row(tmp_path):
+    done = outcome(CASES[0].curve, tmp_path, steps=2, failure="not-converged", drag=[1.0, 2.0, 3.0])
+    assert done.end == (pytest.approx(0.03), "J too small")
+    assert done.failures == []
+    assert done.solved["drag"].tolist() == [1.0, 2.0]
+    turned = Outcome(done.curve, done.scene, done.directory, done.table[::-1])
+    assert turned.solved["drag"].tolist() == [1.0, 2.0]
+    assert turned.highest.directory == done.directory
+
+
+def test_point_tables_leave_out_what_is_no_solution(tmp_path):
+    values = {"drag": [1e-3, 2e-3], "tip_ux": [0.1, 0.2], "min_jacobian": [0.5, 0.01], "roof_uy": [np.nan, np.nan]}
+    done = outcome(CASES[0].curve, tmp_path, steps=1, failure="not-converged", **values)
+    text = document.point_table(done).markdown()
+    assert text.splitlines()[0] == "| v_mean (m/s) | drag (N/m) | tip_ux (m) | min_jacobian | check | status |"
+    assert rows_of(text) == [
+        ["0.01", "0.001", "0.1", "0.5000", "1e-11", "converged"],
+        ["0.02", "–", "–", "0.0100", "–", "failed (not-converged)"],
+    ]
+
+
+def test_statements_carry_the_numbers(tmp_path):
+    tip = {"tip_ux": [0.012, 0.03, 0.06], "tip_uy": [0.0, -0.04, -0.08]}
+    first = outcome(CASES[0].curve, tmp_path, steps=3, **tip)
+    found = [item.found for item in statements.statements(CASES[0], {CASES[0].curve: first})]
+    assert found == [
+        "the tip moves by 6 % of the flap's height at 0.01 m/s and 50 % of the flap's height at 0.03 m/s.",
+        "at 0.03 m/s the tip moves by 0.1 m, 50 % of the flap's height.",
+        "it grows at every step: 0.012 m at 0.01 m/s, 0.1 m at 0.03 m/s.",
+    ]
+    back = outcome(CASES[0].curve, tmp_path, steps=2, tip_ux=[0.02, 0.01])
+    assert "it does not grow at every step" in statements.statements(CASES[0], {CASES[0].curve: back})[-1].found
+
+
+def test_the_roofs_of_both_cases_are_compared_where_both_got_to(tmp_path):
+    soft = outcome(CASES[1].curve, tmp_path, steps=3, tip_ux=[0.1, 0.1, 0.1], roof_uy=[0.1, 0.2, 0.3])
+    stiff = outcome(
+        CASES[2].curve, tmp_path, steps=2, failure="not-converged",
+        tip_ux=[0.01, 0.02, 0.0], tip_uy=[0.0, -0.001, 0.0], roof_uy=[0.15, 0.25, 0.0],
+    )  # fmt: skip
+    both = {CASES[1].curve: soft, CASES[2].curve: stiff}
+    assert "at 0.02 m/s the middle of the roof rises by 0.2 m over this flap and by 0.25 m" in (
+        statements.statements(CASES[1], both)[-1].found
+    )
+    assert len(statements.statements(CASES[1], {CASES[1].curve: soft})) == 2
+    third = [item.found for item in statements.statements(CASES[2], both)]
+    assert third[1] == "at 0.02 m/s the ratio of the two is 0.05."
+    assert "rises by 0.25 m, 62.5 % of the channel's height" in third[2]
+
+
+def test_remarks_name_their_cases_and_open_values_their_scenes(tmp_path):
+    tables = {case.curve: outcome(case.curve, tmp_path, steps=1, tip_ux=[0.1], tip_uy=[0.0]) for case in CASES}
+    text = document.document(CASES, tables, [], "ffsi paper")
+    assert "**Drag and lift.** Paper: F<sub>D</sub> = ∫<sub>S</sub> ( ρ η ∂u<sub>t</sub>/∂n" in text
+    assert text.count("**Drag and lift.**") == 1
+    assert "**Bulk modulus (case 3).** Paper: K = 5.6 Pa" in text
+    assert "Poisson's ratio −0.931" in text
+    assert "**Rate of deformation.** Paper: D in the viscosity law (30) is called the deformation gradient." in text
+    assert "| element size at the flap's root corners | 1 | 0.01 m |" in text
+    assert "| elastic roof | 2, 3 | the strip [0, 2.5] x [0.4, 0.42] m" in text
+    assert "| left side of the flap | 1, 2, 3 | x = 0.5 m |" in text
+
+
+def test_figures_belong_to_the_highest_velocity_and_show_the_comparison(tmp_path, freefem, check, one):
+    outcomes = sweeps.run_sweeps(sweeps.load_scenes(one.curves, 0), tmp_path)
+    figures = pictures.draw(one, outcomes)
+    assert list(figures) == ["velocity", "pressure", "displacement", "forces"]
+    assert figures["velocity"].axes[0].get_title(loc="left").endswith("mean inflow velocity 0.12 m/s")
+    drag = figures["forces"].axes[0]
+    np.testing.assert_allclose(drag.lines[0].get_xydata(), [[0.04, 0.08], [0.08, 0.16], [0.12, 0.24]])
+    np.testing.assert_allclose(drag.lines[1].get_xydata(), [[0.04, 0.08], [0.08, 0.16]])
+    legend = [text.get_text() for text in figures["forces"].legends[0].get_texts()]
+    assert legend == ["coarse root", "fine root"]
+    buffer = io.BytesIO()
+    figures["displacement"].savefig(buffer, format="png", dpi=50)
+    assert Image.open(buffer).width > 100
