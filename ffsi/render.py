@@ -256,12 +256,12 @@ def _solid(scene: Scene, name: str, region: int) -> dict[str, Any]:
 def _lame_code(prefix: str, law: CompressibleElastic) -> tuple[str, str]:
     """Return the Lame constants as formulas of the script's parameters; without lambda where J = 1."""
     young, nu, mu = f"{prefix}YoungModulus", f"{prefix}PoissonRatio", f"{prefix}LameMu"
+    given = law.given_constants
     if law.incompressible:
-        return "", mu if law.lame_mu is not None else f"{young}/3"
-    pair = law.elastic_pair
-    if pair == ("young_modulus", "poisson_ratio"):
+        return "", mu if "lame_mu" in given else f"{young}/3"
+    if "young_modulus" in given:
         return f"{young}*{nu}/((1+{nu})*(1-2*{nu}))", f"{young}/(2*(1+{nu}))"
-    if pair == ("lame_mu", "poisson_ratio"):
+    if "poisson_ratio" in given:
         return f"2*{mu}*{nu}/(1-2*{nu})", mu
     return f"{prefix}LameLambda", mu
 

@@ -30,8 +30,6 @@ UNITS = {
     "lift": "N/m",
     "drag_surface": "N/m",
     "lift_surface": "N/m",
-    "tip_ux": "m",
-    "tip_uy": "m",
     "pressure_drop": "Pa",
     "pressure_difference": "Pa",
     "flow_rate_in": "m²/s",
@@ -279,4 +277,5 @@ def unit(quantity: str) -> str:
     """Return the unit of a (flattened) quantity's name, `1` if it has none."""
     if quantity.endswith("_frequency"):
         return "Hz"
-    return UNITS.get(quantity.removesuffix("_mean").removesuffix("_amplitude"), "1")
+    name = quantity.removesuffix("_mean").removesuffix("_amplitude")
+    return "m" if name.endswith(("_ux", "_uy")) else UNITS.get(name, "1")

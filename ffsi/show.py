@@ -15,6 +15,7 @@ from ffsi.progress import ProgressDisplay
 from ffsi.references import Reference, references_for
 from ffsi.result import Result, flatten, unit
 from ffsi.scene import CASES
+from ffsi.scene.materials import Elastic
 
 if TYPE_CHECKING:
     from ffsi.reference import CheckReport
@@ -96,7 +97,7 @@ def quantities(values: Mapping[str, Any], published: Mapping[str, Reference]) ->
 def summary(done: Result) -> list[str]:
     """Return the lines about Newton's method, the check, the time and the files."""
     newton, timings, check = done.data["newton"], done.data["timings"], done.data["check"]
-    lines = []
+    lines = [material_line(name, solid) for name, solid in done.scene.solid.items()]
     if newton:
         lines.append(f"Newton: {newton.get('iterations')} iterations, {newton.get('factorizations')} factorisations")
     lines.append(check_line(check, done.check_failures))
@@ -105,6 +106,16 @@ def summary(done: Result) -> list[str]:
         parts = ", ".join(f"{name} {timings[name]:.2f}" for name in phases if timings.get(name) is not None)
         lines.append(f"time: {total:.2f} s ({parts})" if parts else f"time: {total:.2f} s")
     return [*lines, f"files: {done.directory}"]
+
+
+def material_line(name: str, solid: Elastic) -> str:
+    """Return the material of a solid with its elastic constants at rest, converted from those that the scene gives."""
+    symbols = {"young_modulus": "E", "poisson_ratio": "ν", "lame_lambda": "λ", "lame_mu": "μ", "bulk_modulus": "K"}
+    constants = ", ".join(
+        f"{symbols[key]} {value:.5g}{'' if key == 'poisson_ratio' else ' Pa'}"
+        for key, value in solid.elastic_constants.items()
+    )
+    return f"{name}: {getattr(solid, 'material', 'solid')}, {constants}"
 
 
 def check_line(check: Mapping[str, Any], failures: Sequence[str]) -> str:

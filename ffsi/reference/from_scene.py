@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ffsi.rawfiles import Floats
-from ffsi.reference.materials import Material, MooneyRivlin, NeoHookean, StVenantKirchhoff
+from ffsi.reference import materials
 from ffsi.reference.problem import FLUID_REGION, Boundary, Fluid, MeshMotion, Problem, Solid
 from ffsi.scene import Scene, boundaries
 
@@ -15,10 +15,10 @@ from ffsi.scene import Scene, boundaries
 _SAME = 1e-9
 
 # The law of each material of a scene, from the scene's solid: a new material has its entry here.
-MATERIALS: dict[str, Callable[[Any], Material]] = {
-    "st-venant-kirchhoff": lambda solid: StVenantKirchhoff(*solid.lame),
-    "neo-hookean": lambda solid: NeoHookean(*solid.lame),
-    "mooney-rivlin": lambda solid: MooneyRivlin(solid.c10, solid.c01, _bulk_modulus(solid)),
+MATERIALS: dict[str, Callable[[Any], materials.Material]] = {
+    "st-venant-kirchhoff": lambda solid: materials.StVenantKirchhoff(*solid.lame),
+    "neo-hookean": lambda solid: materials.NeoHookean(*solid.lame),
+    "mooney-rivlin": lambda solid: materials.MooneyRivlin(solid.c10, solid.c01, _bulk_modulus(solid)),
 }
 
 
@@ -57,7 +57,7 @@ def _mesh_motion(scene: Scene) -> MeshMotion | None:
     return MeshMotion(motion.stiffness_exponent, motion.divergence_weight, motion.kind, motion.distance_exponent)
 
 
-def _material(name: str, solid: Any) -> Material:
+def _material(name: str, solid: Any) -> materials.Material:
     if solid.material not in MATERIALS:
         raise ValueError(f"solid.{name}: the reference checker does not know the material {solid.material!r}")
     return MATERIALS[solid.material](solid)

@@ -123,11 +123,6 @@ class CompressibleElastic(Elastic):
         return tuple(name for name in ELASTIC_CONSTANTS if getattr(self, name) is not None)
 
     @property
-    def elastic_pair(self) -> tuple[str, str]:
-        """Names of the two constants that are given."""
-        return next(pair for pair in ELASTIC_PAIRS if pair == self.given_constants)
-
-    @property
     def lame(self) -> tuple[float, float]:
         """Lame constants (lambda, mu), Pa; lambda is infinite where J = 1."""
         nu = 0.5 if self.incompressible else self.poisson_ratio

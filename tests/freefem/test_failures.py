@@ -24,7 +24,7 @@ LEVEL_0 = ["--set", "mesh.level=0"]
 PLAIN = ["--set", "output.pictures=false", "--set", "output.vtu=false"]
 VELOCITIES = [round(0.012 * i, 3) for i in range(1, 11)]
 
-# /work/shared/design.md, section 4: the keys that other programs rely on.
+# The keys of result.json that other programs rely on.
 CONTRACT = {
     "": [
         *("case", "status", "reason", "unknowns", "triangles", "level", "quantities", "newton", "timings", "check"),

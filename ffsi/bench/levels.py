@@ -1,9 +1,8 @@
-"""`ffsi bench`: error against seconds over the mesh levels, and what assembly costs beside a factorisation."""
+"""Error against seconds over the mesh levels, and what assembly costs beside a factorisation."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
 from ffsi import folder, show
+from ffsi.bench.costs import RATIOS, cost_row, marked
 from ffsi.folder import InputError
 from ffsi.report.curves import LINES, MARKERS
 from ffsi.report.figures import FAINT, INK, to_png
@@ -33,34 +33,10 @@ from ffsi.verification import (
     update_readme,
 )
 
-
-@dataclass(frozen=True)
-class Ratio:
-    """A cost in units of one factorisation on the final mesh: the sum of `phases`, which should be below `bound`."""
-
-    name: str
-    title: str
-    phases: tuple[str, ...]
-    bound: float
-
-
-# Phases are summed over the whole run, coarser meshes included; one_* is the median of a single one on the final mesh.
-RATIOS = (
-    Ratio("newton", "residual + Jacobian + factorise + solve", ("residual", "jacobian", "factorize", "solve"), 5.0),
-    Ratio("one_jacobian", "one Jacobian", ("one_jacobian",), 1.0),
-    Ratio("one_residual", "one residual", ("one_residual",), 0.05),
-    Ratio("overhead", "mesh + operators + output + check", ("mesh", "operators", "output", "check"), 4.0),
-)
 BOUNDS = (
     "The bounds are meant for about 30 000 unknowns (level 2); `!` marks what is above them. Level 0 starts from rest, "
     "with new factors in every iteration; the sums of the other levels contain the coarser meshes."
 )
-
-
-def ratios(timings: Mapping[str, float]) -> dict[str, float]:
-    """Return each of `RATIOS` from the timings of one run (s); NaN where a phase was not timed."""
-    unit = timings.get("one_factorization") or float("nan")
-    return {ratio.name: sum(timings.get(phase, float("nan")) for phase in ratio.phases) / unit for ratio in RATIOS}
 
 
 def to_row(runs: Sequence[Measurement]) -> dict[str, Any]:
@@ -68,30 +44,12 @@ def to_row(runs: Sequence[Measurement]) -> dict[str, Any]:
 
     `error_0_drag` is the relative error of the drag against the first of the case's compared sources.
     """
-    solved = [run for run in runs if not run.failure]
-    first = runs[0]
-    row: dict[str, Any] = {
-        "case": first.case,
-        "level": first.level,
-        "status": "converged" if len(solved) == len(runs) else "failed",
-        "runs": len(runs),
-    }
-    if not solved:
+    row = cost_row(runs)
+    solved = next((run for run in runs if not run.failure), None)
+    if solved is None:
         return row
-    data = solved[0].data
-    row |= {
-        "unknowns": data["unknowns"],
-        "triangles": data["triangles"],
-        "iterations": data["newton"]["iterations"],
-        "factorizations": data["newton"]["factorizations"],
-    }
-    times = pd.DataFrame([run.timings for run in solved]).median()
-    row |= {"script_seconds": times.get("script"), "seconds": times.get("total")}
-    row |= {f"{name}_seconds": value for name, value in times.items() if name not in ("script", "total")}
-    costs = pd.DataFrame([ratios(run.timings) for run in solved]).median()
-    row |= {f"ratio_{name}": value for name, value in costs.items()}
-    for index, source in enumerate(compared(first.case)):
-        row |= {f"error_{index}_{name}": error for name, error in solved[0].errors(source).items()}
+    for index, source in enumerate(compared(solved.case)):
+        row |= {f"error_{index}_{name}": error for name, error in solved.errors(source).items()}
     return row
 
 
@@ -135,14 +93,9 @@ def ratio_table(rows: Sequence[Mapping[str, Any]]) -> TextTable:
             str(row["level"]),
             number(row.get("unknowns"), "{:d}"),
             number(row.get("one_factorization_seconds"), "{:.3f}"),
-            *(_ratio(row.get(f"ratio_{ratio.name}"), ratio.bound) for ratio in RATIOS),
+            *(marked(row.get(f"ratio_{ratio.name}"), ratio.bound) for ratio in RATIOS),
         )
     return table
-
-
-def _ratio(value: float | None, bound: float) -> str:
-    text = number(value, "{:.3f}" if bound < 1 else "{:.2f}")
-    return f"{text} !" if value is not None and value > bound else text
 
 
 def _errors(row: Mapping[str, Any], index: int, names: Sequence[str]) -> list[str]:

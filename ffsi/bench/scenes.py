@@ -1,0 +1,179 @@
+"""Every scene of the catalogue near 30 000 unknowns, and what a solid's pressure as an unknown costs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import pandas as pd
+
+from ffsi import folder, show
+from ffsi.bench.costs import COARSER, RATIOS, SOLVER, WORDS, Ratio, cost_row, marked, run
+from ffsi.folder import InputError
+from ffsi.scene import CASES
+from ffsi.verification import Measurement, TextTable, link, number, origin, prepare, update_readme
+
+BLOCK = "bench-scenes"
+SCENES_CSV = "bench-scenes.csv"
+FORMULATIONS_CSV = "bench-formulations.csv"
+# The level whose number of unknowns is the nearest to 30 000 where it is not 2.
+LEVEL = 2
+LEVELS = {"turek-csm1": 4, "turek-csm2": 4, "cylinder-2d1": 3, "cavity-flexible-floor": 3}
+
+# The solid of each scene that is also run with a pressure of its own.
+FORMULATED = {"flap-neo-hookean": "flap", "flap-mooney-rivlin": "flap", "cook": "membrane"}
+DISPLACEMENT = "displacement"
+FORMULATIONS = (DISPLACEMENT, "mixed", "incompressible")
+# What is compared between two formulations: name, title, phases.
+COMPARED = (
+    ("total", "whole run", ("total",)),
+    ("script", "script", ("script",)),
+    ("newton", "residual + Jacobian + factorise + solve", SOLVER),
+    ("one_jacobian", "one Jacobian", ("one_jacobian",)),
+    ("one_factorization", "one factorisation", ("one_factorization",)),
+)
+FORMULATION_BOUND = 1.5
+
+SCENES_TEXT = (
+    "Costs of a whole run in units of one factorisation on the final mesh, coarser meshes included, at the level nearest "
+    "to 30 000 unknowns; `!` marks what is above its bound, and the last column names the largest phases of it. "
+    "*On coarser meshes*: all that the script does before the final mesh. Iterations and factorisations are those on the "
+    "final mesh."
+)
+FORMULATIONS_TEXT = (
+    "A pressure of the solid as one more unknown, as a multiple of the displacement form in the same repetition; `!` "
+    f"marks what is above {FORMULATION_BOUND}. Whole run: wall clock of all that `ffsi run` does but pictures; the others "
+    "are the script's processor time. An incompressible solid is another problem than the compressible one, with other "
+    "Newton iterations."
+)
+
+
+def level_of(case: str) -> int:
+    """Return the mesh level of a case whose number of unknowns is the nearest to 30 000."""
+    return LEVELS.get(case, LEVEL)
+
+
+def scene_table(rows: Sequence[Mapping[str, Any]]) -> TextTable:
+    """Return the ratios of every scene with their bounds; a value above its bound is marked with `!`."""
+    bounds = [f"{ratio.title} (below {ratio.bound:g})" for ratio in RATIOS]
+    head = ["case", "level", "unknowns", "one factorisation s", *bounds, "on coarser meshes", "iterations"]
+    table = TextTable(
+        [*head, "factorisations", "above the bound"], title="Scenes: seconds / seconds of one factorisation"
+    )
+    for row in rows:
+        table.add(
+            str(row["case"]),
+            str(row["level"]),
+            number(row.get("unknowns"), "{:d}"),
+            number(row.get("one_factorization_seconds"), "{:.3f}"),
+            *(marked(row.get(f"ratio_{ratio.name}"), ratio.bound) for ratio in RATIOS),
+            number(_share(row, COARSER), "{:.2f}"),
+            *(number(row.get(name), "{:d}") for name in ("iterations", "factorizations")),
+            "; ".join(largest(row, ratio) for ratio in RATIOS if row.get(f"ratio_{ratio.name}", 0.0) > ratio.bound),
+        )
+    return table
+
+
+def largest(row: Mapping[str, Any], ratio: Ratio, count: int = 2) -> str:
+    """Return the largest phases of a ratio in units of one factorisation, such as `Jacobian 7.0, factorise 6.3`."""
+    shares = sorted(((_share(row, phase), phase) for phase in ratio.phases), reverse=True)[:count]
+    if len(shares) == 1:
+        return ratio.title
+    return ", ".join(f"{WORDS.get(phase, phase)} {share:.1f}" for share, phase in shares)
+
+
+def _share(row: Mapping[str, Any], phase: str) -> float:
+    nothing = float("nan")
+    return float(row.get(f"{phase}_seconds", nothing) / row.get("one_factorization_seconds", nothing))
+
+
+def formulation_rows(case: str, repetitions: Sequence[Sequence[Measurement]]) -> list[dict[str, Any]]:
+    """Return one line per formulation: counts, and each cost as a multiple of the displacement form's.
+
+    Args:
+        case: name of the case.
+        repetitions: per repetition, one run of each of `FORMULATIONS`; a quotient is the median over the repetitions.
+    """
+    rows = []
+    for index, formulation in enumerate(FORMULATIONS):
+        row = {**cost_row([runs[index] for runs in repetitions]), "case": case, "formulation": formulation}
+        pairs = [(runs[index], runs[0]) for runs in repetitions if not runs[index].failure and not runs[0].failure]
+        if pairs:
+            row |= {
+                f"quotient_{name}": median(_quotient(*pair, phases) for pair in pairs) for name, _, phases in COMPARED
+            }
+        rows.append(row)
+    return rows
+
+
+def _quotient(run: Measurement, base: Measurement, phases: Sequence[str]) -> float:
+    first, second = (sum(item.timings.get(phase, float("nan")) for phase in phases) for item in (run, base))
+    return first / second
+
+
+def formulation_table(rows: Sequence[Mapping[str, Any]]) -> TextTable:
+    """Return the costs of the formulations; a value above the bound is marked with `!`."""
+    head = ["case", "formulation", "unknowns", "iterations", "factorisations", *(title for _, title, _ in COMPARED)]
+    title = f"Formulations of the solid: seconds / seconds of the displacement form (below {FORMULATION_BOUND})"
+    table = TextTable(head, left=2, title=title)
+    for row in rows:
+        table.add(
+            str(row["case"]),
+            str(row["formulation"]),
+            *(number(row.get(name), "{:d}") for name in ("unknowns", "iterations", "factorizations")),
+            *(marked(row.get(f"quotient_{name}"), FORMULATION_BOUND) for name, _, _ in COMPARED),
+        )
+    return table
+
+
+def main(*, repeat: int = 1, out: Path | None = None, readme: Path | None = None) -> list[str]:
+    """Run every scene of the catalogue and the formulations of a solid, one thread, and print what they cost.
+
+    Args:
+        repeat: runs per scene; seconds and ratios are the medians.
+        out: folder for `bench-scenes.csv` and `bench-formulations.csv`.
+        readme: file whose block `bench-scenes` is replaced, unless a run failed.
+
+    Returns:
+        The failures of all runs, as `Result.failure`; empty strings where all is well.
+
+    Raises:
+        InputError: `repeat` is below 1, or `out` or `readme` cannot be used; nothing was computed.
+        FreeFEMNotFound: no FreeFEM on this machine.
+    """
+    if repeat < 1:
+        raise InputError(f"--repeat: at least one run, not {repeat}")
+    prepare(out, readme, BLOCK)
+    run("turek-csm1", ["mesh.level=0"])  # what Python imports and FreeFEM reads from disk for the first time
+    groups = [[run(case, [f"mesh.level={level_of(case)}"]) for _ in range(repeat)] for case in CASES]
+    compared = {case: [_formulations(case, solid) for _ in range(repeat)] for case, solid in FORMULATED.items()}
+    scenes = [cost_row(group) for group in groups]
+    forms = [row for case, repetitions in compared.items() for row in formulation_rows(case, repetitions)]
+    tables = [scene_table(scenes), formulation_table(forms)]
+    for table in tables:
+        table.print()
+    if out is not None:
+        for name, rows in ((SCENES_CSV, scenes), (FORMULATIONS_CSV, forms)):
+            folder.write_text(out / name, pd.DataFrame(rows).to_csv(index=False, float_format="%.8g"))
+        show.note(f"wrote {out / SCENES_CSV} and {out / FORMULATIONS_CSV}")
+    every = [item for group in groups for item in group]
+    every += [item for repetitions in compared.values() for runs in repetitions for item in runs]
+    failures = [item.failure for item in every]
+    if readme is not None and any(failures):
+        show.error(f"{readme} stays as it is, because a run failed")
+    elif readme is not None:
+        written = origin("ffsi bench --scenes" + (f" --repeat {repeat}" if repeat > 1 else ""), every)
+        names = (SCENES_CSV, FORMULATIONS_CSV)
+        files = f" Every phase: {', '.join(f'[{name}]({link(out / name, readme)})' for name in names)}." if out else ""
+        parts = [SCENES_TEXT, tables[0].markdown(), FORMULATIONS_TEXT, tables[1].markdown(), written + files]
+        update_readme(readme, BLOCK, "\n\n".join(parts))
+        show.note(f"wrote the block {BLOCK} of {readme}")
+    return failures
+
+
+def _formulations(case: str, solid: str) -> list[Measurement]:
+    """Run a case in each formulation, one after the other."""
+    level = f"mesh.level={level_of(case)}"
+    return [run(case, [level, f"solid.{solid}.formulation={formulation}"]) for formulation in FORMULATIONS]

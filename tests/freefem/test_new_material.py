@@ -1,0 +1,276 @@
+"""The README's section "A new material", done to a copy of the program and nothing else, and run there."""
+
+import difflib
+import filecmp
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+import textwrap
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from conftest import PLAIN
+from test_materials import FRESH, assert_quadratic
+
+from ffsi.rawfiles import RawState, read_mesh, read_state
+from ffsi.reference import materials
+from ffsi.scene import SceneError, load_scene
+
+ROOT = Path(__file__).parents[2]
+SCENE, LAW, ENTRY = "ffsi/scene/materials.py", "ffsi/reference/materials.py", "ffsi/reference/from_scene.py"
+UNION = "Solid = Annotated["
+REGISTRY = "MATERIALS: dict["
+CONSTANTS = {"c1": 1.0, "c2": 3.0, "c3": 6.0}
+BULK = 5.0
+
+
+@dataclass(frozen=True)
+class Pieces:
+    """What the README adds: the template and its path, the class of the scene, that of the checker and its entry."""
+
+    template: str
+    path: str
+    scene: str
+    law: str
+    entry: str
+
+    @property
+    def class_name(self) -> str:
+        return re.search(r"^class (\w+)\(", self.scene, re.MULTILINE).group(1)
+
+    @property
+    def material(self) -> str:
+        return re.search(r'Literal\["([\w-]+)"\]', self.scene).group(1)
+
+
+def read_pieces() -> Pieces:
+    """Return the code blocks of the section, each from the numbered item that names its file."""
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    section = re.search(r"^## A new material\n(.*?)^## ", readme, re.DOTALL | re.MULTILINE).group(1)
+    items = re.split(r"^\d\. ", section, flags=re.MULTILINE)[1:]
+    names = [re.findall(r"`([\w/.-]+/[\w.-]+)`", item.split("```")[0]) for item in items]
+    assert [found[0] for found in names[1:]] == [SCENE, LAW]
+    assert ENTRY in names[2]
+    blocks = [re.findall(r"^ *```\w*\n(.*?)^ *```$", item, re.DOTALL | re.MULTILINE) for item in items]
+    (template,), (scene,), (law, entry) = [[textwrap.dedent(block) for block in found] for found in blocks]
+    return Pieces(template, names[0][0], scene, law, entry)
+
+
+PIECES = read_pieces()
+
+
+def insert(path: Path, line: str, text: str, *, after: str = "") -> None:
+    """Insert the text before the first line that starts so and comes after another one."""
+    found = path.read_text(encoding="utf-8")
+    at = found.index(f"\n{line}", found.index(f"\n{after}")) + 1
+    path.write_text(found[:at] + text + found[at:], encoding="utf-8")
+
+
+def with_material(root: Path, pieces: Pieces) -> Path:
+    """Copy the program to the folder and add the material at the named places."""
+    for name in ("ffsi", "templates"):
+        shutil.copytree(ROOT / name, root / name, ignore=shutil.ignore_patterns("__pycache__"))
+    (root / pieces.path).write_text(pieces.template, encoding="utf-8")
+    insert(root / SCENE, UNION, pieces.scene + "\n\n")
+    scene = (root / SCENE).read_text(encoding="utf-8")
+    union = re.search(rf"^{re.escape(UNION)}[\w| ]+", scene, re.MULTILINE).group(0)
+    (root / SCENE).write_text(scene.replace(union, f"{union} | {pieces.class_name}"), encoding="utf-8")
+    with (root / LAW).open("a", encoding="utf-8") as file:
+        file.write("\n\n" + pieces.law)
+    insert(root / ENTRY, "}", textwrap.indent(pieces.entry, "    "), after=REGISTRY)
+    return root
+
+
+def differing(root: Path) -> tuple[set[str], set[str]]:
+    """Return the names of the changed and of the new files of the copy; none may be missing."""
+    changed, new = set(), set()
+
+    def compare(found: filecmp.dircmp) -> None:
+        assert not found.left_only, found.left_only
+        folder = Path(found.right).relative_to(root)
+        _, different, errors = filecmp.cmpfiles(found.left, found.right, found.common_files, shallow=False)
+        changed.update(str(folder / name) for name in [*different, *errors])
+        new.update(str(folder / name) for name in found.right_only)
+        for inner in found.subdirs.values():
+            compare(inner)
+
+    for name in ("ffsi", "templates"):
+        compare(filecmp.dircmp(ROOT / name, root / name, ignore=["__pycache__"]))
+    return changed, new
+
+
+def ffsi(root: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Call the copy's command line."""
+    code = f"import sys, ffsi.cli; assert ffsi.cli.__file__.startswith({str(root)!r}); ffsi.cli.main(sys.argv[1:])"
+    environment = os.environ | {"PYTHONPATH": str(root)}
+    command = [sys.executable, "-c", code, *arguments]
+    return subprocess.run(command, cwd=root, env=environment, capture_output=True, text=True, timeout=120)
+
+
+def run(root: Path, case: str, out: str, *settings: str) -> Path:
+    """Solve a case with the copy, from rest with fresh factors in every iteration; return the run folder."""
+    options = [option for setting in ("mesh.level=0", *FRESH, *PLAIN, *settings) for option in ("--set", setting)]
+    done = ffsi(root, "run", case, "--out", str(root / out), *options)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return root / out
+
+
+def constants(solid: str, **values: float) -> list[str]:
+    return [f"solid.{solid}.{name}={value}" for name, value in values.items()]
+
+
+def state_of(folder: Path) -> RawState:
+    return read_state(folder / "point-0001.bin", read_mesh(folder / "mesh.bin"))
+
+
+def assert_same(first: RawState, second: RawState) -> None:
+    for field in ("u", "v", "p", "ps"):
+        values, others = getattr(first, field), getattr(second, field)
+        assert values.shape == others.shape
+        np.testing.assert_allclose(values, others, rtol=0, atol=1e-9 * np.abs(others).max(initial=0.0))
+
+
+@pytest.fixture(scope="module")
+def copy(tmp_path_factory) -> Path:
+    return with_material(tmp_path_factory.mktemp("copy"), PIECES)
+
+
+FLAP = ["inflow.mean_velocity=0.06", f"solid.flap.bulk_modulus={BULK}"]
+YEOH_FLAP = [*FLAP, f"solid.flap.material={PIECES.material}"]
+
+
+@pytest.fixture(scope="module")
+def flap(copy) -> Path:
+    return run(copy, "flap-mooney-rivlin", "flap", *YEOH_FLAP, *constants("flap", **CONSTANTS))
+
+
+def test_the_stress_is_the_derivative_of_the_energy():
+    names = dict(vars(materials))
+    exec(PIECES.law, names)
+    law = names[PIECES.class_name](**CONSTANTS, bulk_modulus=BULK)
+    gradients = np.random.default_rng(1).normal(size=(20, 2, 2)) * 0.2
+    stress = law.first_piola(gradients)
+    for i, j in np.ndindex(2, 2):
+        step = np.zeros((2, 2), dtype=complex)
+        step[i, j] = 1e-30j
+        np.testing.assert_allclose(stress[:, i, j], law.energy(gradients + step).imag / 1e-30, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(law.first_piola(np.diag([1e-9, 0.0]))[0, 0], 1e-9 * law.stiffness, rtol=1e-6)
+
+
+def test_the_new_material_is_solved_and_checked(flap):
+    result = json.loads((flap / "result.json").read_text())
+    assert (result["status"], result["check_failures"]) == ("converged", [])
+    check = {name: value for name, value in result["check"].items() if value is not None}
+    assert {"momentum", "continuity", "kinematics", "mesh_motion", "drag_difference"} <= set(check)
+    assert max(check.values()) < 1e-8
+    assert f'material = "{PIECES.material}"' in (flap / "scene.toml").read_text()
+
+
+def test_newton_converges_quadratically(flap):
+    history = pd.read_csv(flap / "newton.csv")
+    assert (history["factorized"].iloc[:-1] == 1).all()
+    assert_quadratic(history)
+
+
+def test_without_its_own_constants_it_is_mooney_rivlin_without_the_second(copy, flap, solved):
+    folder = run(copy, "flap-mooney-rivlin", "flap-c1", *YEOH_FLAP, *constants("flap", c1=1, c2=0, c3=0))
+    mooney = solved("flap-mooney-rivlin", *FRESH, *FLAP, *constants("flap", c10=1, c01=0))
+    assert mooney.converged
+    assert_same(state_of(folder), state_of(mooney.directory))
+    tip = json.loads((flap / "result.json").read_text())["quantities"]["tip_ux"]
+    assert abs(tip / mooney.quantities["tip_ux"] - 1) > 0.01, "the other constants shall matter"
+
+
+def test_nothing_else_was_touched(copy, flap):
+    assert differing(copy) == ({SCENE, LAW, ENTRY}, {PIECES.path})
+    for name in (SCENE, LAW, ENTRY):
+        before, after = ((root / name).read_text(encoding="utf-8").splitlines() for root in (ROOT, copy))
+        removed = [line for line in list(difflib.unified_diff(before, after, n=0))[2:] if line.startswith("-")]
+        assert [line[: len(UNION) + 1] for line in removed] == (["-" + UNION] if name == SCENE else [])
+    assert not (ROOT / PIECES.path).exists()
+    with pytest.raises(SceneError, match=PIECES.material):
+        load_scene(flap / "scene.toml")
+
+
+# The forms with a pressure, by the section's last paragraph -----------------------------------------------------------
+
+VOLUME = """
+{% if solid.mixed and not solid.incompressible %}
+func int Volume{{ solid.title }}(real[int,int] &a, real[int] &c) { // J - 1 + p/K
+  c = a(:, 4); c *= 1/{{ solid.prefix }}BulkModulus; c += {{ solid.name }}J; c -= 1.;
+  return 0;
+}
+{% endif %}
+"""
+SPLIT = """
+    def volume_energy(self, change: Array) -> Array:
+        return change**2 / 2
+
+    def volume_slope(self, change: Array) -> Array:
+        return change
+
+    @property
+    def volume_modulus(self) -> float:
+        return self.bulk_modulus
+"""
+
+
+# Changes of the README's pieces: the old text, which stands there once, and the new one.
+TEMPLATE_CHANGES = [("{{ solid.prefix }}BulkModulus", "{{ '0' if solid.mixed else solid.prefix ~ 'BulkModulus' }}")]
+SCENE_CHANGES = [
+    ("(Elastic)", "(WithFormulation)"),
+    ("    c1:", '    volume_constants: ClassVar[tuple[str, ...]] = ("bulk_modulus",)\n    c1:'),
+    ("bulk_modulus: Modulus = Field(", "bulk_modulus: Modulus | None = Field(None, "),
+    ("return self.bulk_modulus", "return (self.bulk_modulus or math.inf)"),
+]
+LAW_CHANGES = [
+    ("(Material)", "(SplitMaterial)"),
+    ("def energy", "def base_energy"),
+    (" + self.bulk_modulus / 2 * dilatation(gradient) ** 2", ""),
+    ("def first_piola", "def base_stress"),
+    (" + self.bulk_modulus * change * cofactor(IDENTITY + gradient)", ""),
+    ("def stiffness", "def base_stiffness"),
+    ("return self.bulk_modulus + ", "return "),
+]
+ENTRY_CHANGES = [("solid.bulk_modulus", "_bulk_modulus(solid)")]
+
+
+def changed(text: str, changes: list[tuple[str, str]]) -> str:
+    for old, new in changes:
+        assert text.count(old) == 1, old
+        text = text.replace(old, new)
+    return text
+
+
+@pytest.fixture(scope="module")
+def mixed_copy(tmp_path_factory) -> Path:
+    pieces = Pieces(
+        template=changed(PIECES.template, TEMPLATE_CHANGES) + VOLUME,
+        path=PIECES.path,
+        scene=changed(PIECES.scene, SCENE_CHANGES),
+        law=changed(PIECES.law, LAW_CHANGES) + SPLIT,
+        entry=changed(PIECES.entry, ENTRY_CHANGES),
+    )
+    return with_material(tmp_path_factory.mktemp("mixed-copy"), pieces)
+
+
+@pytest.mark.parametrize("formulation", ["mixed", "incompressible"])
+def test_the_forms_with_a_pressure(mixed_copy, solved, formulation):
+    """They are checked, and without the other constants the same as those of Mooney-Rivlin."""
+    bulk = f", bulk_modulus={BULK}" if formulation == "mixed" else ""
+
+    def settings(material: str, **values: float) -> list[str]:
+        numbers = ", ".join(f"{name}={value}" for name, value in values.items())
+        solid = f'material="{material}", formulation="{formulation}", density=1, {numbers}{bulk}'
+        return ["traction.y=0.05", f"solid.membrane={{{solid}}}"]
+
+    run(mixed_copy, "cook", formulation, *settings(PIECES.material, **CONSTANTS))
+    folder = run(mixed_copy, "cook", f"{formulation}-c1", *settings(PIECES.material, c1=1, c2=0, c3=0))
+    mooney = solved("cook", *FRESH, *settings("mooney-rivlin", c10=1, c01=0))
+    assert_same(state_of(folder), state_of(mooney.directory))
