@@ -17,7 +17,7 @@ help:
 	@echo "make run     the flap study: a sweep over the inflow velocity, and its report"
 	@echo "make test    unit tests and small real runs"
 	@echo "make verify  the published values: results/verification.*, README.md, and their tests (minutes)"
-	@echo "make bench   error against seconds, cost ratios: results/bench-*, README.md"
+	@echo "make bench   error against seconds, cost ratios, mesh motions: results/bench-*, results/mesh-motion.*, README.md"
 	@echo "make paper   the study of the paper's sections 5.1 to 5.3: results/paper (minutes)"
 	@echo "make figures the README's picture, from the last point of 'make run'"
 	@echo "make lint    ruff and mypy"
@@ -38,6 +38,8 @@ verify: setup
 
 bench: setup
 	@$(BIN)/ffsi bench --repeat 3 --out results --readme README.md
+	@$(BIN)/ffsi bench --scenes --repeat 3 --out results --readme README.md
+	@$(BIN)/ffsi bench --mesh-motion --out results --readme README.md
 
 paper: setup
 	@$(BIN)/ffsi paper --jobs 2

@@ -13,16 +13,27 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from ffsi.result import Result, load_result
-    from ffsi.run import solve
+    from ffsi.run import resume, solve
     from ffsi.scene import CASES, Scene, SceneError, load_scene, with_values
     from ffsi.study import sweep
 
-__all__ = ["CASES", "Result", "Scene", "SceneError", "load_result", "load_scene", "solve", "sweep", "with_values"]
+__all__ = [
+    "CASES",
+    "Result",
+    "Scene",
+    "SceneError",
+    "load_result",
+    "load_scene",
+    "resume",
+    "solve",
+    "sweep",
+    "with_values",
+]
 
 _HOMES = {
     **dict.fromkeys(("CASES", "Scene", "SceneError", "load_scene", "with_values"), "ffsi.scene"),
     **dict.fromkeys(("Result", "load_result"), "ffsi.result"),
-    "solve": "ffsi.run",
+    **dict.fromkeys(("resume", "solve"), "ffsi.run"),
     "sweep": "ffsi.study",
 }
 

@@ -17,8 +17,10 @@ from ffsi import folder, show
 from ffsi.folder import InputError
 from ffsi.freefem import FreeFEMError, FreeFEMNotFound
 from ffsi.rawfiles import RawFileError
-from ffsi.result import Result, load_results
-from ffsi.scene import SceneError, load_scene
+from ffsi.result import Result, load_result, load_results
+from ffsi.scene import Scene, SceneError, load_scene
+from ffsi.timesteps import newest_checkpoint
+from ffsi.unsteady import STOPPED, check_resumable
 
 CHECK_FAILED, BAD_INPUT, NOT_CONVERGED, NO_FREEFEM = 1, 2, 3, 4
 EXIT_OF = {
@@ -26,6 +28,7 @@ EXIT_OF = {
     "check": CHECK_FAILED,
     "not-converged": NOT_CONVERGED,
     "not-reached": NOT_CONVERGED,
+    "stopped": NOT_CONVERGED,
     "crash": NO_FREEFEM,
 }
 
@@ -43,6 +46,10 @@ app = typer.Typer(
 Case = Annotated[
     str, typer.Argument(metavar="CASE|scene.toml", help="A case of `ffsi cases`, or a scene file.", show_default=False)
 ]
+OptionalCase = Annotated[
+    str | None,
+    typer.Argument(metavar="CASE|scene.toml", help="A case of `ffsi cases`, or a scene file.", show_default=False),
+]
 Settings = Annotated[
     list[str],
     typer.Option("--set", metavar="KEY=VALUE", help="Change a value of the scene; repeatable.", show_default=False),
@@ -59,6 +66,9 @@ Readme = Annotated[
 Threads = Annotated[int, typer.Option("--threads", min=1, help="Threads of the linear algebra.")]
 
 
+FIELDS = ", ".join(folder.PICTURES)
+
+
 @app.command()
 def cases(json: AsJson = False) -> None:
     """List the cases of the catalogue."""
@@ -71,12 +81,25 @@ def cases(json: AsJson = False) -> None:
 
 @app.command()
 def run(
-    case: Case,
+    case: OptionalCase = None,
     settings: Settings = [],  # noqa: B006
     out: Annotated[Path | None, typer.Option("--out", help="The run folder.", show_default="runs/CASE")] = None,
     json: AsJson = False,
     no_check: NoCheck = False,
     threads: Threads = 1,
+    resume: Annotated[
+        Path | None,
+        typer.Option(
+            "--resume",
+            metavar="DIR",
+            help="Go on with the run in time in DIR, which was killed or stopped, instead of a case.",
+            show_default=False,
+        ),
+    ] = None,
+    animate: Annotated[
+        str | None,
+        typer.Option("--animate", metavar="FIELD", help=f"In time: write FIELD.gif ({FIELDS}).", show_default=False),
+    ] = None,
 ) -> None:
     """Solve one case and check it.
 
@@ -85,21 +108,64 @@ def run(
     """
     from ffsi.run import solve
 
-    scene = load_scene(case, settings)
-    directory = out or Path("runs") / scene.name
-    folder.check_usable(directory)
+    if resume is not None:
+        if case is not None or settings or out is not None:
+            raise InputError("--resume takes case, values and folder from DIR: give no CASE, --set or --out")
+        scene, directory = check_resumable(resume), resume
+    elif case is None:
+        raise InputError("Missing argument CASE or scene.toml, or --resume DIR")
+    else:
+        scene = load_scene(case, settings)
+        directory = out or Path("runs") / scene.name
+        folder.check_usable(directory)
+    if animate is not None:
+        _check_animation(scene, animate)
     try:
         with show.progress(scene.name) as on_event:
-            result = solve(scene, directory, check=not no_check, on_event=on_event, threads=threads)
+            result = solve(
+                scene,
+                directory,
+                check=not no_check,
+                on_event=on_event,
+                threads=threads,
+                resume=resume is not None,
+            )
     except FreeFEMError as error:
         if json:
             sys.stdout.write(_crash_json(directory, scene.name, error))
+        _say_how_to_resume(scene, directory)
+        raise
+    except KeyboardInterrupt:
+        _say_how_to_resume(scene, directory)
         raise
     if json:
         sys.stdout.write(folder.to_json(result.data))
     else:
         show.result(result)
+    if animate is not None and len(result.saved_steps) > 1:
+        _animate(result, animate, directory / f"{animate}.gif")
+    if result.failure == STOPPED:
+        _say_how_to_resume(scene, directory)
     _finish([result], directory)
+
+
+@app.command()
+def animate(
+    directory: Annotated[Path, typer.Argument(metavar="DIR", help="The folder of a run in time.", show_default=False)],
+    field: Annotated[
+        str | None, typer.Option("--field", help=FIELDS, show_default="velocity, of a solid alone displacement")
+    ] = None,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", help="The GIF file.", show_default="DIR/FIELD.gif")
+    ] = None,
+) -> None:
+    """Write a GIF of a computation in time, from the states saved every time.output_interval."""
+    result = load_result(directory)
+    name = field or ("velocity" if result.scene.fluid else "displacement")
+    _check_animation(result.scene, name)
+    if output is not None:
+        _check_output(output)
+    _animate(result, name, output or directory / f"{name}.gif")
 
 
 @app.command()
@@ -239,23 +305,56 @@ def verify(
 
 @app.command()
 def bench(
-    case: Annotated[str, typer.Option("--case", help="The case to measure.")] = "turek-fsi1",
+    scenes: Annotated[
+        bool,
+        typer.Option(
+            "--scenes", help="Cost ratios of every steady scene near 30 000 unknowns instead, and formulations."
+        ),
+    ] = False,
+    mesh_motion: Annotated[
+        bool, typer.Option("--mesh-motion", help="How far each mesh motion carries the flap instead, and its cost.")
+    ] = False,
+    case: Annotated[str | None, typer.Option("--case", help="The case to measure.", show_default="turek-fsi1")] = None,
     levels: Annotated[
-        str, typer.Option("--levels", metavar="A,B,...", help="Mesh levels, separated by commas.")
-    ] = "0,1,2,3,4",
+        str | None,
+        typer.Option("--levels", metavar="A,B,...", help="Mesh levels, separated by commas.", show_default="0,1,2,3,4"),
+    ] = None,
+    level: Annotated[
+        int | None,
+        typer.Option("--level", min=0, max=4, help="Mesh level, with --mesh-motion.", show_default="1"),
+    ] = None,
     repeat: Annotated[
-        int | None, typer.Option("--repeat", min=1, help="Runs per level; medians are shown.", show_default="1")
+        int | None, typer.Option("--repeat", min=1, help="Runs per level or scene; medians.", show_default="1")
     ] = None,
     out: TableFolder = None,
     readme: Readme = None,
 ) -> None:
-    """Measure error against seconds, and what assembly costs beside one factorisation, over the mesh levels."""
+    """Measure error against seconds, and what assembly costs beside one factorisation, over the mesh levels.
+
+    Exit codes: as `ffsi run`, but where a mesh motion ends is a result: 3 only if no mesh motion solved any point.
+    """
+    if scenes and mesh_motion:
+        raise InputError("give either --scenes or --mesh-motion, not both")
+    given = {"case": case, "levels": levels, "level": level, "repeat": repeat}
+    kind = " --scenes" if scenes else " --mesh-motion" if mesh_motion else ""
+    accepted = {" --scenes": ("repeat",), " --mesh-motion": ("level",), "": ("case", "levels", "repeat")}[kind]
+    if wrong := [name for name, value in given.items() if value is not None and name not in accepted]:
+        raise InputError(f"ffsi bench{kind} has no option --{wrong[0]}")
+    values = {"level": level, "repeat": repeat, "out": out, "readme": readme}
+    options: dict[str, Any] = {name: value for name, value in values.items() if value is not None}
+    if scenes:
+        from ffsi.bench.scenes import main as measure_scenes
+
+        raise typer.Exit(_worst(measure_scenes(**options)))
+    if mesh_motion:
+        from ffsi.bench.mesh_motion import main as measure_motions
+
+        raise typer.Exit(_worst(measure_motions(**options)))
     from ffsi.bench import main as measure
 
-    load_scene(case, [])
-    given = {"repeat": repeat, "out": out, "readme": readme}
-    options: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
-    raise typer.Exit(_worst(measure(_levels(levels), case, **options) or []))
+    name = case or "turek-fsi1"
+    load_scene(name, [])
+    raise typer.Exit(_worst(measure(_levels(levels or "0,1,2,3,4"), name, **options) or []))
 
 
 @app.command()
@@ -310,6 +409,31 @@ def _finish(results: Sequence[Result], directory: Path) -> None:
         if not result.converged:
             show.error(f"{result.reason}; what there is lies in {directory}")
     raise typer.Exit(_worst([result.failure for result in results]))
+
+
+def _say_how_to_resume(scene: Scene, directory: Path) -> None:
+    if scene.time is not None and (last := newest_checkpoint(directory)) is not None:
+        show.note(f"ffsi run --resume {directory} goes on from t = {last.time:g} s")
+
+
+def _check_animation(scene: Scene, field: str) -> None:
+    """Refuse an animation that cannot be made, before anything is computed."""
+    fluid, solid = scene.fluid is not None, bool(scene.solid)
+    there = {"velocity": fluid, "pressure": fluid, "displacement": solid}
+    known = [name for name, is_there in there.items() if is_there]
+    if field not in known:
+        raise InputError(f"no animation of {field!r}; of this scene there is {', '.join(known)}")
+    if scene.time is None:
+        raise InputError(f"{scene.name} is steady; there is nothing to animate")
+    if scene.time.output_interval is None:
+        raise InputError("an animation needs the fields at several times: set time.output_interval")
+
+
+def _animate(result: Result, field: str, output: Path) -> None:
+    from ffsi.report.animation import write_animation
+
+    count = write_animation(result, field, output)
+    show.note(f"wrote {output} ({count} frames)")
 
 
 def _levels(text: str) -> list[int]:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
+import fcntl
 import json
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +22,18 @@ MESH = "mesh.bin"
 SWEEP = "sweep.toml"
 FAILED = "failed.json"
 FAILED_STATE = "failed.bin"
+# Of a run in time.
+TIME_HISTORY = "history.csv"
+STEPS = "steps.csv"
+STEPS_JSON = "steps.json"
+STATES = "state-*.bin"
+CHECKPOINTS = ("checkpoint-a.bin", "checkpoint-b.bin")
+STOP = "stop"
+SERIES = "fields.pvd"
+LOGS = "freefem-*.log"
+IN_TIME = (TIME_HISTORY, STEPS, STATES, *CHECKPOINTS)
+# What a run starts from.
+DEFINITION = (SCRIPT, SCENE, CHAIN)
 PICTURES = ("velocity", "pressure", "displacement")
 
 _OURS = (
@@ -34,10 +48,17 @@ _OURS = (
     MESH,
     FAILED,
     FAILED_STATE,
+    *IN_TIME,
+    STEPS_JSON,
+    STOP,
+    SERIES,
+    LOGS,
     "point-*.json",
     "point-*.bin",
     "fields*.vtu",
     *(f"{name}*.png" for name in PICTURES),
+    *(f"{name}.gif" for name in PICTURES),
+    ".*.part",  # what a kill left
 )
 
 
@@ -87,9 +108,54 @@ def prepare(directory: Path) -> None:
     """
     check_usable(directory)
     directory.mkdir(parents=True, exist_ok=True)
+    clear(directory)
+
+
+def clear(directory: Path, keep: Sequence[str] = ()) -> None:
+    """Remove a run's files but those whose names match one of the patterns `keep`; other files stay."""
     for pattern in _OURS:
         for path in directory.glob(pattern):
-            path.unlink()
+            if not any(path.match(kept) for kept in keep):
+                path.unlink()
+
+
+def keep_log(directory: Path) -> None:
+    """Give the log of a process that has ended a number: the next process writes a new one."""
+    log = directory / LOG
+    if log.is_file():
+        number = sum(1 for _ in directory.glob(LOGS)) + 1
+        log.replace(directory / numbered(LOG, number))
+
+
+@contextlib.contextmanager
+def held(directory: Path) -> Iterator[None]:
+    """Make a run folder if need be, and keep other calls of ffsi out of it while this one works there.
+
+    Raises:
+        InputError: as `check_usable`, or another one is at work there.
+    """
+    check_usable(directory)
+    directory.mkdir(parents=True, exist_ok=True)
+    handle = os.open(directory, os.O_RDONLY)
+    try:
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise InputError(f"another ffsi is at work in {directory}") from None
+        except OSError:  # a file system without locks
+            pass
+        yield
+    finally:
+        os.close(handle)
+
+
+def is_held(directory: Path) -> bool:
+    """Tell whether another call of ffsi is at work in a run folder."""
+    try:
+        with held(directory):
+            return False
+    except InputError:
+        return True
 
 
 def write_text(path: Path, text: str) -> None:

@@ -1,5 +1,6 @@
 """The live progress line of a run or a sweep, on stderr and only where that is a terminal."""
 
+import math
 import sys
 import threading
 import time
@@ -17,6 +18,8 @@ __all__ = ["Event", "ProgressDisplay"]
 class ProgressDisplay:
     """Shows case, sweep point, Newton iteration, residual, time elapsed and time left.
 
+    In time: the time reached, the steps, and mean, amplitude and frequency of the tip's u_y or the lift so far.
+
     A context manager that is itself the callback: `with ProgressDisplay() as show: run_script(..., on_event=show)`.
     Calls may come from several threads. `points` is the number of points of the whole sweep when it is split over
     several processes; without it, the `points=` of the events counts.
@@ -32,6 +35,9 @@ class ProgressDisplay:
         self._whole = points
         self._points = points or 1
         self._detail = ""
+        self._signal = ""
+        self._reached = self._end = math.nan
+        self._first: tuple[float, float] | None = None  # wall clock and time reached at the first step seen
         self._clock = clock
         self._begin = clock()
         self._lock = threading.Lock()
@@ -66,6 +72,10 @@ class ProgressDisplay:
                 case "newton":
                     self._points = self._whole or max(event.integer("points", 1), 1)
                     self._detail = _newton(event, self._points if self._whole is None else 1)
+                case "time":
+                    self._take_step(event)
+                case "signal":
+                    self._signal = _signal(event)
                 case "point":
                     self._points = self._whole or max(event.integer("points", 1), 1)
                     self.finished = min(self.finished + 1, self._points)
@@ -77,20 +87,37 @@ class ProgressDisplay:
     def state(self) -> str:
         """What the line says between the bar and the times."""
         count = f"{self.finished}/{self._points} done" if self._points > 1 else ""
-        return " · ".join(part for part in (count, self._detail) if part)
+        signal = "" if count else self._signal  # of several points at a time it would be anybody's
+        return " · ".join(part for part in (count, self._detail, signal) if part)
 
     @property
     def seconds_left(self) -> float | None:
-        """Estimated from the finished points; None when there is nothing to estimate from."""
+        """Estimated from the finished points, or the time reached; None when there is nothing to estimate from."""
+        if self._in_time and self._first is not None and self._reached > self._first[1]:
+            speed = (self._reached - self._first[1]) / max(self._clock() - self._first[0], 1e-9)
+            return (self._end - self._reached) / speed
         if self._points <= 1 or self.finished == 0:
             return None
         return (self._clock() - self._begin) * (self._points - self.finished) / self.finished
 
+    @property
+    def _in_time(self) -> bool:
+        return self._points <= 1 and math.isfinite(self._end)
+
+    def _take_step(self, event: Event) -> None:
+        self._reached, self._end = event.number("time"), event.number("end")
+        if self._first is None:
+            self._first = self._clock(), self._reached
+        self._detail = f"t = {self._reached:.4g} of {self._end:g} s · step {event.integer('step')}"
+
     def _draw(self) -> None:
         left = self.seconds_left
-        total = self._points if self._points > 1 else None
+        total: float | None = self._points if self._points > 1 else None
+        completed: float = self.finished
+        if self._in_time:
+            total, completed = self._end, self._reached
         self._progress.update(
-            self._task, description=self.case, completed=self.finished, total=total, state=self.state,
+            self._task, description=self.case, completed=completed, total=total, state=self.state,
             left="" if left is None else f"about {_duration(left)} left",
         )  # fmt: skip
 
@@ -111,6 +138,11 @@ def _newton(event: Event, points: int) -> str:
     parts.append(f"Newton {event.integer('iteration')}")
     parts.append(f"residual {event.number('residual'):.1e}")
     return " · ".join(parts)
+
+
+def _signal(event: Event) -> str:
+    name, mean, amplitude = event.word("name"), event.number("mean"), event.number("amplitude")
+    return f"{name} {mean:.4g} ± {amplitude:.4g} {event.word('unit')}, {event.number('frequency'):.4g} Hz"
 
 
 def _duration(seconds: float) -> str:

@@ -11,7 +11,7 @@ from importlib.resources import files
 from ffsi.scene import CASES, Scene, load_scene
 
 # What may differ from the catalogue's case without changing its exact solution.
-_NUMERICAL = {"mesh", "mesh_motion", "solver", "output", "title", "description"}
+_NUMERICAL = {"time", "mesh", "mesh_motion", "solver", "output", "title", "description"}
 
 
 @dataclass(frozen=True)

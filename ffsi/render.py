@@ -14,40 +14,10 @@ from typing import Any, get_args
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
+from ffsi import weakform
 from ffsi.scene import Boundary, Scene, boundaries
 from ffsi.scene.materials import CompressibleElastic
 from ffsi.scene.units import Count, Quantity
-
-# Arguments of the fluxes: name, unknown, derivative (0 value, 1 d/dx, 2 d/dy).
-FLUID_ARGUMENTS = (
-    ("VX", "vx", 0), ("VY", "vy", 0),
-    ("DXVX", "vx", 1), ("DYVX", "vx", 2), ("DXVY", "vy", 1), ("DYVY", "vy", 2),
-    ("DXUX", "ux", 1), ("DYUX", "ux", 2), ("DXUY", "uy", 1), ("DYUY", "uy", 2),
-    ("P", "p", 0),
-)  # fmt: skip
-SOLID_ARGUMENTS = FLUID_ARGUMENTS[6:10]
-
-# What each fluid flux depends on: the structural zeros of the Jacobian.
-_GRAD_V, _GRAD_U = ("DXVX", "DYVX", "DXVY", "DYVY"), ("DXUX", "DYUX", "DXUY", "DYUY")
-FLUID_FLUXES: dict[str, tuple[str, ...]] = {
-    "BX": ("VX", "VY", "DXVX", "DYVX", *_GRAD_U),
-    "BY": ("VX", "VY", "DXVY", "DYVY", *_GRAD_U),
-    "PXX": (*_GRAD_V, *_GRAD_U, "P"),
-    "PXY": (*_GRAD_V, *_GRAD_U, "P"),
-    "PYX": (*_GRAD_V, *_GRAD_U, "P"),
-    "PYY": (*_GRAD_V, *_GRAD_U, "P"),
-    "DIV": (*_GRAD_V, *_GRAD_U),
-}
-# The test function of a flux: unknown whose test function it is, derivative.
-FLUID_TESTS = {
-    "BX": ("vx", 0), "BY": ("vy", 0), "PXX": ("vx", 1), "PXY": ("vx", 2), "PYX": ("vy", 1), "PYY": ("vy", 2),
-    "DIV": ("p", 0),
-}  # fmt: skip
-
-STRESS = ("PXX", "PXY", "PYX", "PYY")
-COMPONENTS = {"fluid": ("vx", "vy", "p"), "solid": ("ux", "uy"), "fsi": ("ux", "uy", "vx", "vy", "p")}
-PRESSURE = "Pressure"  # end of the name of a mixed solid's pressure
-VOLUME = 4  # number of a mixed solid's pressure among its arguments, and of its equation of the volume among its fluxes
 
 # Keys that are no numbers of the mathematics and stay in Python.
 PYTHON_ONLY = ("solver.time_limit",)
@@ -175,7 +145,8 @@ def _environment() -> Environment:
 
 def _context(scene: Scene, mumps: bool) -> dict[str, Any]:
     fluid, fsi = scene.fluid is not None, scene.physics == "fsi"
-    components = _components(scene)
+    slots, n_slots = weakform.fluid_slots(scene)
+    components = weakform.components(scene)
     outline = boundaries(scene)
     curved = [b for b in outline if b.circle and b.role == "no-slip"]
     wet = [b for b in outline if b.role in ("inlet", "outlet", "no-slip", "interface")]
@@ -193,8 +164,8 @@ def _context(scene: Scene, mumps: bool) -> dict[str, Any]:
         "mixed": [solid for solid in solids if solid["mixed"]],
         "probes": list(scene.probes),
         "components": components,
-        "arguments": _arguments(scene),
-        "fluxes": _fluxes(scene),
+        "arguments": weakform.arguments(scene),
+        "fluxes": weakform.fluxes(scene),
         "boundaries": outline,
         "regions": [{"number": number, "name": name} for number, name in _regions(scene)],
         "curved": curved,
@@ -205,24 +176,20 @@ def _context(scene: Scene, mumps: bool) -> dict[str, Any]:
         "fluid_labels": [b.label for b in wet],
         "parts": [b for b in outline if b.part and b in wet],
         "displacement_labels": _labels(outline, "inlet", "outlet", "no-slip", "clamped") if "ux" in components else [],
-        "velocity_labels": _labels(outline, "inlet", "no-slip", "clamped") if fluid else [],
+        "velocity_labels": _labels(outline, "inlet", "no-slip", "clamped") if fluid or scene.time else [],
         "walls": _labels(outline, "no-slip", "clamped"),
+        "inflow_waveform": scene.inflow.waveform_expression.to_freefem() if scene.inflow else "1",
         "inflow_profile": scene.inflow.expression.to_freefem() if scene.inflow else "",
-        "hyperelastic_motion": _hyperelastic(scene),
+        "hyperelastic_motion": weakform.hyperelastic_motion(scene),
         "do_nothing": scene.outlet is not None and scene.outlet.kind == "do-nothing",
-        "momentum": ("vx", "vy") if fluid else ("ux", "uy"),
-        **_jacobian(scene),
+        "momentum": weakform.momentum(scene),
+        "kinematic": weakform.kinematic(scene),
+        "unsteady": scene.time is not None,
+        "fluid_slots": slots,
+        "n_slots": n_slots,
+        "jacobian": weakform.jacobian(scene),
+        "condensed": weakform.condensed(scene) if scene.time else None,
     }
-
-
-def _components(scene: Scene) -> tuple[str, ...]:
-    """Return the unknown fields; a solid alone has a pressure if it is mixed."""
-    fields = COMPONENTS[scene.physics]
-    return (*fields, "p") if "p" not in fields and any(solid.mixed for solid in scene.solid.values()) else fields
-
-
-def _hyperelastic(scene: Scene) -> bool:
-    return scene.mesh_motion is not None and scene.mesh_motion.kind == "hyperelastic"
 
 
 def _labels(outline: list[Boundary], *roles: str) -> list[int]:
@@ -239,8 +206,8 @@ def _solid(scene: Scene, name: str, region: int) -> dict[str, Any]:
     solid = {
         "name": name,
         "title": name.capitalize(),
-        "flux": f"{'Mixed' if law.mixed else 'Flux'}{name.capitalize()}",
-        "n_arguments": VOLUME + 1 if law.mixed else VOLUME,
+        "flux": f"{'Mixed' if law.mixed else 'Theta' if scene.time else 'Flux'}{name.capitalize()}",
+        "n_arguments": weakform.VOLUME + 1 if law.mixed else weakform.VOLUME,
         "mixed": law.mixed,
         "incompressible": law.incompressible,
         "prefix": prefix,
@@ -264,136 +231,3 @@ def _lame_code(prefix: str, law: CompressibleElastic) -> tuple[str, str]:
     if "poisson_ratio" in given:
         return f"2*{mu}*{nu}/(1-2*{nu})", mu
     return f"{prefix}LameLambda", mu
-
-
-def _arguments(scene: Scene) -> list[dict[str, Any]]:
-    """Return the flux arguments: unknown (None if it is given data), derivative, column in the solids' arguments."""
-    components = COMPONENTS[scene.physics]  # the pressures of mixed solids are apart
-    table = FLUID_ARGUMENTS if scene.fluid else SOLID_ARGUMENTS
-    return [
-        {
-            "name": argument[0],
-            "component": argument[1] if argument[1] in components else None,
-            "derivative": argument[2],
-            "solid": SOLID_ARGUMENTS.index(argument) if scene.solid and argument in SOLID_ARGUMENTS else None,
-        }
-        for argument in table
-    ]
-
-
-def _fluxes(scene: Scene) -> list[dict[str, Any]]:
-    """Return the fluxes: test function, its derivative, and the columns in the fluid's and the solids' fluxes."""
-    if not scene.fluid:
-        tests = (("ux", 1), ("ux", 2), ("uy", 1), ("uy", 2))
-        return [
-            {"name": name, "test": unknown, "derivative": derivative, "fluid": None, "solid": column}
-            for column, (name, (unknown, derivative)) in enumerate(zip(STRESS, tests, strict=True))
-        ]
-    return [
-        {
-            "name": name,
-            "test": unknown,
-            "derivative": derivative,
-            "fluid": name,
-            "solid": STRESS.index(name) if name in STRESS and scene.solid else None,
-        }
-        for name, (unknown, derivative) in FLUID_TESTS.items()
-    ]
-
-
-@dataclass
-class _Block:
-    """One block of the Jacobian: the terms that couple a test function with an unknown, by region.
-
-    The pressure of a mixed solid is the unknown ``NAMEPressure``, which is also the script's map from its vertices.
-    """
-
-    test: str
-    unknown: str
-    terms: dict[int, list[str]]
-
-    @property
-    def name(self) -> str:
-        return "".join(word[0].upper() + word[1:] for word in (self.test, self.unknown))
-
-    @property
-    def spaces(self) -> tuple[str, str]:
-        return (_space(self.unknown), _space(self.test))
-
-    @property
-    def pattern(self) -> str:
-        unknown, test = ("P1" if space == "Ph" else "P2" for space in self.spaces)
-        return f"{test} x {unknown} on regions {', '.join(map(str, self.terms))}"
-
-
-def _jacobian(scene: Scene) -> dict[str, Any]:
-    """Return the blocks of the Jacobian, their patterns and the slots of the fluid's coefficients."""
-    components = COMPONENTS[scene.physics]
-    found: dict[tuple[str, str], _Block] = {}
-
-    def add(test: str, unknown: str, region: int, term: str) -> None:
-        block = found.setdefault((test, unknown), _Block(test, unknown, {}))
-        block.terms.setdefault(region, []).append(term)
-
-    slots: list[list[int]] = []
-    used = 0
-    if scene.fluid:
-        for flux, depends in FLUID_FLUXES.items():
-            test, order = FLUID_TESTS[flux]
-            row = []
-            for name, unknown, derivative in FLUID_ARGUMENTS:
-                active = name in depends and unknown in components
-                row.append(used if active else -1)
-                if active:
-                    add(test, unknown, 1, f"c[{used}]*({_factor('a', derivative)}*{_factor('b', order)})")
-                    used += 1
-            slots.append(row)
-    if _hyperelastic(scene):
-        for m, (test, order) in enumerate((("ux", 1), ("ux", 2), ("uy", 1), ("uy", 2))):
-            for k, (_, unknown, derivative) in enumerate(SOLID_ARGUMENTS):
-                add(test, unknown, 1, f"motionC[{4 * m + k}]*({_factor('a', derivative)}*{_factor('b', order)})")
-    tests = ("vx", "vx", "vy", "vy") if scene.fluid else ("ux", "ux", "uy", "uy")
-    for region, (solid, law) in enumerate(scene.solid.items(), start=2):
-        rows = list(zip(tests, (1, 2, 1, 2), strict=True))
-        columns = [(unknown, derivative) for _, unknown, derivative in SOLID_ARGUMENTS]
-        if law.mixed:
-            pressure = (f"{solid}{PRESSURE}", 0)
-            rows, columns = [*rows, pressure], [*columns, pressure]
-        for m, (test, order) in enumerate(rows):
-            for k, (unknown, derivative) in enumerate(columns):
-                if law.incompressible and m == k == VOLUME:
-                    continue  # J = 1 knows no pressure
-                factor = f"{solid}C[{len(columns) * m + k}]"
-                add(test, unknown, region, f"{factor}*({_factor('a', derivative)}*{_factor('b', order)})")
-    blocks = list(found.values())
-    first: dict[str, int] = {}  # number of the first block of each pattern
-    for number, block in enumerate(blocks):
-        first.setdefault(block.pattern, number)
-    patterns = list(first)
-    return {
-        "fluid_slots": slots,
-        "n_slots": used,
-        "patterns": [{"name": name, "first": number} for name, number in first.items()],
-        "blocks": [
-            {
-                "name": block.name,
-                "test": block.test,
-                "unknown": block.unknown,
-                "test_map": block.test if block.test.endswith(PRESSURE) else "",
-                "unknown_map": block.unknown if block.unknown.endswith(PRESSURE) else "",
-                "unknown_space": block.spaces[0],
-                "test_space": block.spaces[1],
-                "pattern": patterns.index(block.pattern),
-                "parts": [{"region": region, "terms": terms} for region, terms in block.terms.items()],
-            }
-            for block in blocks
-        ],
-    }
-
-
-def _space(unknown: str) -> str:
-    return "Ph" if unknown == "p" or unknown.endswith(PRESSURE) else "Vh"
-
-
-def _factor(name: str, derivative: int) -> str:
-    return (name, f"dx({name})", f"dy({name})")[derivative]

@@ -18,12 +18,16 @@ from numpy.typing import ArrayLike
 from ffsi import folder, vtu
 from ffsi.fields import FLUID, Fields
 from ffsi.folder import InputError
+from ffsi.references import Reference
 from ffsi.scene import Scene, load_scene, with_values
+from ffsi.timesteps import SavedStep, read_history, read_saved_steps
 
 if TYPE_CHECKING:
     from tempfile import TemporaryDirectory
 
     from matplotlib.figure import Figure
+
+    from ffsi.rawfiles import RawMesh
 
 UNITS = {
     "drag": "N/m",
@@ -83,17 +87,36 @@ class Result:
         return dict(self.data.get("quantities") or {})
 
     @property
+    def last_quantities(self) -> dict[str, Any]:
+        """Quantities of the last state of a computation in time; those of a steady one."""
+        in_time = self.data.get("time")
+        return self.quantities if in_time is None else dict(in_time.get("last") or {})
+
+    @property
+    def shown_quantities(self) -> tuple[str, dict[str, float]]:
+        """Flat quantities for people: over the last period, or, where there is none, of the last state; and which."""
+        in_time = self.data.get("time")
+        if in_time is None:
+            return "", flatten(self.quantities)
+        periods = any(name.endswith("_mean") for name in flatten(self.quantities))
+        if periods or not self.last_quantities:
+            return "over the last period" if periods else "", flatten(self.quantities)
+        return f"at t = {in_time['reached']:g} s", flatten(self.last_quantities)
+
+    @property
     def parameters(self) -> dict[str, Any]:
         """Every value the script really used, by the scene's dotted keys."""
         return dict(self.data.get("parameters") or {})
 
     @cached_property
     def history(self) -> pd.DataFrame:
-        """Newton's iterations of this point (`newton.csv`).
+        """In time one row per step (see `timesteps.read_history`), else this point's Newton iterations (`newton.csv`).
 
         Raises:
             InputError: the folder holds no such file.
         """
+        if self.scene.time is not None:
+            return read_history(self.directory)
         path = self.directory / folder.HISTORY
         if not path.is_file():
             raise InputError(f"{self.directory} holds no {folder.HISTORY}")
@@ -107,16 +130,43 @@ class Result:
         Raises:
             InputError: no state was saved.
         """
-        from ffsi.rawfiles import read_mesh, read_state
-
         state = self.state_file
         if state is None:
             raise InputError(
                 f"{self.directory} holds no fields of point {self.point}: {self.reason or 'nothing was saved'}"
             )
-        mesh = read_mesh(self.directory / folder.MESH)
+        return self._read_fields(state)
+
+    @cached_property
+    def saved_steps(self) -> list[SavedStep]:
+        """The steps of a computation in time whose fields were saved (`time.output_interval`); none if it is steady."""
+        return read_saved_steps(self.directory) if self.scene.time is not None else []
+
+    def fields_of(self, step: SavedStep) -> Fields:
+        """Return the fields at the end of a saved step."""
+        return self._read_fields(step.new)
+
+    def fields_at(self, time: float) -> Fields:
+        """Return the saved fields of a computation in time that are nearest to a time in s.
+
+        Raises:
+            InputError: no step was saved.
+        """
+        if not self.saved_steps:
+            raise InputError(f"{self.directory} holds no saved time steps")
+        return self.fields_of(min(self.saved_steps, key=lambda step: abs(step.time - time)))
+
+    def _read_fields(self, state: str) -> Fields:
+        from ffsi.rawfiles import read_state
+
         mixed = [region for region, solid in enumerate(self.scene.solid.values(), start=FLUID + 1) if solid.mixed]
-        return Fields.from_raw(mesh, read_state(self.directory / state, mesh), mixed)
+        return Fields.from_raw(self._raw_mesh, read_state(self.directory / state, self._raw_mesh), mixed)
+
+    @cached_property
+    def _raw_mesh(self) -> RawMesh:
+        from ffsi.rawfiles import read_mesh
+
+        return read_mesh(self.directory / folder.MESH)
 
     @property
     def state_file(self) -> str | None:
@@ -130,12 +180,15 @@ class Result:
 
     @property
     def solved(self) -> bool:
-        """Whether Newton's method converged, whatever the checker says."""
-        return self.failure in ("", "check")
+        """Whether Newton's method converged, whatever the checker says; also up to where a run in time was stopped."""
+        return self.failure in ("", "check", "stopped")
 
     @property
     def failure(self) -> str:
-        """Empty, `check`, `not-converged`, `not-reached` (an earlier point of the chain failed) or `crash`."""
+        """Empty, `check`, `not-converged`, `not-reached`, `stopped` or `crash`.
+
+        Not reached: an earlier point of the chain failed; stopped: by the user, before the end of a run in time.
+        """
         return str(self.data.get("failure", "" if self.converged else "not-converged"))
 
     @property
@@ -193,7 +246,7 @@ class Result:
     def _repr_html_(self) -> str:
         rows = "".join(
             f"<tr><th>{html.escape(key)}</th><td>{value:.6g}</td><td>{html.escape(unit(key))}</td></tr>"
-            for key, value in flatten(self.quantities).items()
+            for key, value in self.shown_quantities[1].items()
         )
         heading = f"<p><b>{html.escape(self.title)}</b>: {html.escape(self.status)} {html.escape(self.reason)}</p>"
         return f"{heading}<table>{rows}</table>{self._picture_html()}"
@@ -271,6 +324,16 @@ def flatten(quantities: Mapping[str, Any]) -> dict[str, float]:
         elif isinstance(value, (int, float)):
             flat[key] = float(value)
     return flat
+
+
+def published_value(name: str, published: Mapping[str, Reference]) -> tuple[float, Reference] | None:
+    """Return the published value that belongs to a (flattened) quantity's name, and where it is from; None without."""
+    for ending, part in (("_amplitude", "amplitude"), ("_frequency", "frequency"), ("_mean", "mean"), ("", "mean")):
+        reference = published.get(name.removesuffix(ending)) if name.endswith(ending) else None
+        value = getattr(reference, part, None)
+        if reference is not None and value is not None:
+            return float(value), reference
+    return None
 
 
 def unit(quantity: str) -> str:

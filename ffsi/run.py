@@ -1,4 +1,4 @@
-"""From a scene to a Result: render, run FreeFEM, check, draw, write `result.json`."""
+"""From a scene to a Result: render, run FreeFEM, check, draw, write `result.json`; and go on with a run in time."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from ffsi import folder, vtu
+from ffsi import folder, unsteady, vtu
 from ffsi.folder import InputError
 from ffsi.freefem import Event, FreeFEMError, Installation, find_freefem, run_script
 from ffsi.render import is_runtime_parameter, render
@@ -37,43 +37,73 @@ def solve(
     check: bool = True,
     on_event: OnEvent | None = None,
     threads: int = 1,
+    resume: bool = False,
 ) -> Result:
     """Solve one scene and leave its run folder behind.
+
+    A scene in time with `time.stop = "periodic"` ends as soon as its motion is periodic. Quantities of such a scene are
+    mean, amplitude and frequency over the last period.
 
     Args:
         scene: what to solve.
         out: the run folder; an earlier run in it is replaced. None: a temporary folder that lives as long as the
             Result.
         check: verify the solution with the independent checker; a mismatch makes the status `failed`.
-        on_event: called with every event that the script reports.
+        on_event: called with every event that the script reports; in time also with `signal` (see `unsteady.Watch`).
         threads: threads of the linear algebra.
+        resume: go on with the computation in time in `out`, which was killed or stopped, from its last checkpoint.
 
     Returns:
         The Result; a scene that does not converge is a Result with status `failed`, not an exception.
 
     Raises:
-        InputError: `out` cannot be used.
+        InputError: `out` cannot be used, or with `resume` holds nothing to go on with.
         FreeFEMNotFound: no FreeFEM on this machine; nothing was written.
         FreeFEMError: the process died or took longer than `solver.time_limit`; `result.json` says so.
     """
     begin = time.perf_counter()
+    if resume:
+        if out is None:
+            raise InputError("to resume a run its folder is needed")
+        unsteady.check_resumable(Path(out))
     installation = find_freefem()
-    script = render(scene, mumps=installation.has_mumps)
     temporary = tempfile.TemporaryDirectory(prefix=f"ffsi-{scene.name}-") if out is None else None
     directory = Path(temporary.name if temporary else str(out))
-    folder.prepare(directory)
-    _write_scene(scene, directory, script)
     point = _Point(scene, directory, 1, {}, alone=True)
-    died = _execute(scene, directory, installation, {}, on_event, threads)
-    data = point.collect(died)
-    if check:
-        point.check(data)
-    point.draw(data)
-    data["timings"]["total"] = _seconds(time.perf_counter() - begin)
-    point.save(data)
+    with folder.held(directory):
+        arguments = _start(point, installation, resume)
+        died = None if arguments is None else _execute(scene, directory, installation, arguments, on_event, threads)
+        data = point.collect(died)
+        if check:
+            point.check(data)
+        point.draw(data)
+        data["timings"]["total"] = _seconds(time.perf_counter() - begin)
+        point.save(data)
     if data["failure"] == "crash":
         raise died or FreeFEMError("crash", data["reason"], log=directory / folder.LOG)
     return Result(scene, directory, data, temporary)
+
+
+def resume(directory: str | Path, *, check: bool = True, on_event: OnEvent | None = None, threads: int = 1) -> Result:
+    """Go on with a computation in time that was killed or stopped, from its last checkpoint; without one, start over.
+
+    Args:
+        directory: its run folder.
+        check: verify the saved steps with the independent checker.
+        on_event: called with every event, as by `solve`.
+        threads: threads of the linear algebra.
+
+    Returns:
+        The Result, as of `solve`.
+
+    Raises:
+        InputError: no run folder, a finished run, one that is no computation in time, or one that is still running.
+        SceneError: its `scene.toml` cannot be read.
+        FreeFEMNotFound: no FreeFEM on this machine.
+        FreeFEMError: as `solve`.
+    """
+    scene = unsteady.check_resumable(Path(directory))
+    return solve(scene, directory, check=check, on_event=on_event, threads=threads, resume=True)
 
 
 def run_chain(
@@ -86,8 +116,9 @@ def run_chain(
     on_event: OnEvent | None = None,
     on_result: OnResult | None = None,
     threads: int = 1,
+    resume: bool = False,
 ) -> list[Result]:
-    """Solve many points in one FreeFEM process, each from the solution before it.
+    """Solve many points in one FreeFEM process, each from the solution before it; of a scene in time, one point.
 
     Every point is checked while FreeFEM computes the next one, and its `result-0001.json` is written at once, so what
     was complete is never lost. A point that fails ends the chain; the ones after it are reported as not reached.
@@ -102,30 +133,35 @@ def run_chain(
         on_event: called with every event that the script reports.
         on_result: called with each Result as soon as it is there, from another thread.
         threads: threads of the linear algebra.
+        resume: go on with the computation in time in `out`.
 
     Returns:
         One Result per point.
 
     Raises:
-        InputError: no points, different keys, a key that needs a new mesh, or an unusable folder.
+        InputError: no points, different keys, a key that needs a new mesh, several points in time, or an unusable
+            folder.
         SceneError: a value that the scene does not accept.
         FreeFEMNotFound: no FreeFEM on this machine; nothing was written.
     """
     scenes, names = _chain_scenes(scene, key_values)
     installation = find_freefem()
-    script = render(scenes[0], mumps=installation.has_mumps)
     directory = Path(out)
-    folder.prepare(directory)
-    _write_scene(scenes[0], directory, script)
-    folder.write_json(directory / folder.CHAIN, {"points": list(key_values)})
-    arguments = _write_points(directory, names, key_values)
     points = [_Point(s, directory, i, v) for i, (s, v) in enumerate(zip(scenes, key_values, strict=True), start=1)]
-    with _Finisher(points, check, draw == "all", on_result) as finisher:
-        died = _execute(scenes[0], directory, installation, arguments, finisher.listen(on_event), threads)
-        results = finisher.finish(died)
-    if draw == "last":
-        _draw_last(results)
-    folder.write_json(directory / folder.RESULT, _last(results).data)
+    with folder.held(directory):
+        arguments = _start(points[0], installation, resume)
+        if not resume:
+            folder.write_json(directory / folder.CHAIN, {"points": list(key_values)})
+            arguments = _write_points(directory, names, key_values)
+        with _Finisher(points, check, draw == "all", on_result) as finisher:
+            died = None
+            if arguments is not None:
+                listener = finisher.listen(on_event)
+                died = _execute(scenes[0], directory, installation, arguments, listener, threads)
+            results = finisher.finish(died)
+        if draw == "last":
+            _draw_last(results)
+        folder.write_json(directory / folder.RESULT, _last(results).data)
     return results
 
 
@@ -192,11 +228,15 @@ class _Point:
             "failure": failure,
             "check_failures": [],
         }
-        return data if self.alone else {**data, "varied": dict(self.varied)}
+        if not self.alone:
+            data["varied"] = dict(self.varied)
+        if self.scene.time is not None:
+            unsteady.complete(data, self.scene, self.directory)
+        return data
 
     def check(self, data: dict[str, Any]) -> None:
         """Run the independent checker on a solved point; a mismatch makes it a failed one."""
-        if data["failure"]:
+        if data["failure"] not in ("", unsteady.STOPPED):
             return
         from ffsi.reference import check_run
 
@@ -217,29 +257,33 @@ class _Point:
             logger.error("%s: %s", self.directory, data["reason"])
 
     def draw(self, data: dict[str, Any]) -> None:
-        """Write the VTU file and the pictures that the scene asks for."""
+        """Write the VTU files and the pictures that the scene asks for."""
+        result = Result(self.scene, self.directory, data)
+        output = self.scene.output
+        begin = time.perf_counter()
+        if output.vtu and result.saved_steps:
+            vtu.write_series(
+                self.directory, ((step.step, step.time, result.fields_of(step)) for step in result.saved_steps)
+            )
         if data["state"] is None:
             return
         from ffsi.report import figures
 
-        output = self.scene.output
-        result = Result(self.scene, self.directory, data)
-        begin = time.perf_counter()
-        if output.vtu:
-            vtu.write_vtu(self._file("fields.vtu"), result.fields)
+        if output.vtu and (not result.saved_steps or data["failure"] == "not-converged"):
+            vtu.write_vtu(self.file("fields.vtu"), result.fields)
         written = time.perf_counter()
         data["timings"]["output"] = _seconds(data["timings"].get("output", 0.0) + written - begin)
         if output.pictures:
             with _drawing:
                 for name in figures.available(result.fields):
-                    self._file(f"{name}.png").write_bytes(figures.to_png(result.picture(name)))
+                    self.file(f"{name}.png").write_bytes(figures.to_png(result.picture(name)))
         data["timings"]["pictures"] = _seconds(time.perf_counter() - written)
 
     def save(self, data: dict[str, Any]) -> None:
         """Write the result file."""
         if not self.alone:
             data["timings"]["total"] = self._chain_seconds(data["timings"])
-        folder.write_json(self._file(folder.RESULT), data)
+        folder.write_json(self.file(folder.RESULT), data)
 
     def _chain_seconds(self, timings: Mapping[str, float]) -> float:
         """Return what this point took: the script's clock since the point before it, and the check."""
@@ -248,7 +292,8 @@ class _Point:
         own = max(0.0, timings.get("script", start) - start)
         return _seconds(own + timings.get("check", 0.0))
 
-    def _file(self, name: str) -> Path:
+    def file(self, name: str) -> Path:
+        """Return the path of one of this point's own files."""
         return self.directory / (name if self.alone else folder.numbered(name, self.number))
 
     def _solved(self) -> dict[str, Any] | None:
@@ -343,6 +388,8 @@ def _execute(
     threads: int,
 ) -> FreeFEMError | None:
     """Run the script; return the error if the process died, so that complete points can still be collected."""
+    if scene.time is not None:
+        on_event = unsteady.Watch(scene, directory, on_event)
     try:
         run_script(
             directory / folder.SCRIPT,
@@ -359,9 +406,15 @@ def _execute(
     return None
 
 
-def _write_scene(scene: Scene, directory: Path, script: str) -> None:
-    folder.write_text(directory / folder.SCRIPT, script)
-    folder.write_text(directory / folder.SCENE, scene.to_toml())
+def _start(point: _Point, installation: Installation, resume: bool) -> Mapping[str, str] | None:
+    """Prepare a run folder; return the script's arguments, or None if only its files are still to be read."""
+    if resume:
+        return unsteady.prepare_resume(point.scene, point.directory, point.file(folder.RESULT))
+    script = render(point.scene, mumps=installation.has_mumps)
+    folder.prepare(point.directory)
+    folder.write_text(point.directory / folder.SCRIPT, script)
+    folder.write_text(point.directory / folder.SCENE, point.scene.to_toml())
+    return {}
 
 
 def _chain_scenes(scene: Scene, key_values: Sequence[Mapping[str, float]]) -> tuple[list[Scene], list[str]]:
@@ -371,6 +424,8 @@ def _chain_scenes(scene: Scene, key_values: Sequence[Mapping[str, float]]) -> tu
     keys = list(key_values[0])
     if any(set(values) != set(keys) for values in key_values):
         raise InputError("every point of a chain needs the same keys")
+    if scene.time is not None and len(key_values) > 1:
+        raise InputError("a scene in time needs a run of its own for every point")
     varying = [key for key in keys if len({values[key] for values in key_values}) > 1]
     scenes = [with_values(scene, dict(values)) for values in key_values]
     if fixed := [key for key in varying if not is_runtime_parameter(scenes[0], key)]:

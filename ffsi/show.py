@@ -13,7 +13,7 @@ from rich.text import Text
 
 from ffsi.progress import ProgressDisplay
 from ffsi.references import Reference, references_for
-from ffsi.result import Result, flatten, unit
+from ffsi.result import Result, published_value, unit
 from ffsi.scene import CASES
 from ffsi.scene.materials import Elastic
 
@@ -68,28 +68,29 @@ def result(done: Result) -> None:
         f"level {data.get('level')}, {data.get('triangles') or '?'} triangles, {data.get('unknowns') or '?'} unknowns"
     )
     console.print(Text(str(data["case"]), style="bold"), Text(done.status, style=style), Text(f"({size})"))
-    if done.quantities:
-        console.print(quantities(done.quantities, references_for(done.scene)))
+    when, values = done.shown_quantities
+    if values:
+        published = {} if when.startswith("at") else references_for(done.scene)
+        console.print(quantities(values, published, f"quantity {when}".strip()))
     for line in summary(done):
         console.print(Text(line), soft_wrap=True)
 
 
-def quantities(values: Mapping[str, Any], published: Mapping[str, Reference]) -> Table:
-    """Return the table of quantities, with published values and errors where there are any."""
+def quantities(values: Mapping[str, float], published: Mapping[str, Reference], heading: str = "quantity") -> Table:
+    """Return the table of (flattened) quantities, with published values and errors where there are any."""
     table = Table(box=None, pad_edge=False, header_style="bold")
-    table.add_column("quantity")
+    table.add_column(heading)
     table.add_column("value", justify="right")
     table.add_column("unit")
     if published:
         table.add_column("published", justify="right")
         table.add_column("error", justify="right")
-    for name, value in flatten(values).items():
+    for name, value in values.items():
         if name.endswith(MINOR) and name not in published:
             continue
         cells = [name, f"{value:.7g}", unit(name)]
-        reference = published.get(name.removesuffix("_mean"))
-        if reference is not None:
-            cells += [f"{reference.mean:.7g}", f"{100 * reference.relative_error(value):+.3f} %"]
+        if (found := published_value(name, published)) is not None:
+            cells += [f"{found[0]:.7g}", f"{100 * (value - found[0]) / abs(found[0]):+.3f} %"]
         table.add_row(*cells)
     return table
 
@@ -100,6 +101,8 @@ def summary(done: Result) -> list[str]:
     lines = [material_line(name, solid) for name, solid in done.scene.solid.items()]
     if newton:
         lines.append(f"Newton: {newton.get('iterations')} iterations, {newton.get('factorizations')} factorisations")
+    if (in_time := done.data.get("time")) is not None:
+        lines.append(time_line(in_time))
     lines.append(check_line(check, done.check_failures))
     if (total := timings.get("total")) is not None:
         phases = ("factorize", "solve", "jacobian", "residual", "check", "pictures")
@@ -118,6 +121,13 @@ def material_line(name: str, solid: Elastic) -> str:
     return f"{name}: {getattr(solid, 'material', 'solid')}, {constants}"
 
 
+def time_line(in_time: Mapping[str, Any]) -> str:
+    """Return how far a computation in time came, and whether it is periodic."""
+    why_not = f" ({in_time['why_not']})" if in_time.get("why_not") else ""
+    ending = "periodic" if in_time["periodic"] else f"not periodic{why_not}"
+    return f"t = {in_time['reached']:g} of {in_time['end']:g} s, {in_time['steps']} steps, {ending}"
+
+
 def check_line(check: Mapping[str, Any], failures: Sequence[str]) -> str:
     """Return the check in one line."""
     numbers = {name: value for name, value in check.items() if isinstance(value, (int, float))}
@@ -130,7 +140,9 @@ def check_line(check: Mapping[str, Any], failures: Sequence[str]) -> str:
 def sweep(table: pd.DataFrame, keys: Sequence[str], out: Path) -> None:
     """Print the sweep's table."""
     console = _out()
-    names = [name for name in ("drag", "lift", "tip_ux", "tip_uy", "min_jacobian") if name in table]
+    quantities = ("drag", "lift", "tip_ux", "tip_uy", "min_jacobian")
+    endings = ("", "_mean", "_amplitude", "_frequency")
+    names = [name + ending for name in quantities for ending in endings if name + ending in table]
     shown = Table(box=None, pad_edge=False, header_style="bold")
     for name in [*keys, "status", *names, "check_maximum", "seconds"]:
         shown.add_column(name, justify="left" if name == "status" else "right")

@@ -17,7 +17,7 @@ from typing import Any
 import pandas as pd
 import tomli_w
 
-from ffsi import folder
+from ffsi import folder, unsteady
 from ffsi.folder import InputError
 from ffsi.freefem import find_freefem, stop_all
 from ffsi.render import is_runtime_parameter
@@ -84,7 +84,7 @@ def plan(scene: Scene, vary: Mapping[str, Sequence[float]]) -> list[Chain]:
     """Split the cartesian product of `vary` into chains.
 
     The last key that needs no new mesh runs along the chain, in the given order; every combination of the others is
-    its own chain.
+    its own chain. In time every point is a chain.
 
     Raises:
         InputError: nothing varies.
@@ -94,7 +94,7 @@ def plan(scene: Scene, vary: Mapping[str, Sequence[float]]) -> list[Chain]:
         raise InputError("a sweep needs at least one varied key with at least one value")
     for values in points(vary):
         with_values(scene, dict(values))
-    along = next((key for key in reversed(list(vary)) if is_runtime_parameter(scene, key)), None)
+    along = next((key for key in reversed(list(vary)) if scene.steady and is_runtime_parameter(scene, key)), None)
     others = {key: vary[key] for key in vary if key != along}
     steps: Sequence[Values] = [{along: value} for value in vary[along]] if along is not None else [{}]
     return [Chain(tuple({key: {**fixed, **step}[key] for key in vary} for step in steps)) for fixed in points(others)]
@@ -118,7 +118,7 @@ def sweep(
     """Solve `scene` for every combination of values, and keep `out/sweep.csv` up to date while points finish.
 
     A second call with the same definition runs only what is missing or died; points that did not converge are not
-    tried again.
+    tried again. Points of a scene in time go on from their last checkpoints.
 
     Args:
         scene: what to solve.
@@ -151,7 +151,7 @@ def sweep(
     for result in harvest(scene, directory, list(vary), check=check):
         table.add(result)
     todo = [rest for chain in chains if (rest := remaining(chain, table.done(), table.converged()))]
-    folders = _new_folders(directory, len(todo))
+    folders = _folders(scene, directory, todo)
     if dask is not None:
         _run_on_dask(scene, todo, folders, table, dask, check)
     else:
@@ -238,7 +238,7 @@ class _Table:
             return self._write()
 
     def _done(self) -> set[tuple[float, ...]]:
-        return {at for at, item in self.rows.items() if item["failure"] != "crash"}
+        return {at for at, item in self.rows.items() if item["failure"] not in unsteady.RESUMABLE}
 
     def _write(self) -> pd.DataFrame:
         known = [self.rows[at] for values in self.order if (at := tuple(values.values())) in self.rows]
@@ -318,7 +318,10 @@ def _run_one(
     on_result: OnResult | None,
     threads: int,
 ) -> None:
-    results = run_chain(scene, chain.points, path, check=check, on_event=on_event, on_result=on_result, threads=threads)
+    resume = not scene.steady and folder.is_run_folder(path)
+    results = run_chain(
+        scene, chain.points, path, check=check, on_event=on_event, on_result=on_result, threads=threads, resume=resume
+    )
     if not chain.lead_in or results[0].failure != "not-converged":
         return
     logger.info("%s: the first point does not converge from rest, going through the points before it again", path)
@@ -367,6 +370,25 @@ def _first_difference(there: Any, here: Any, key: str = "") -> str | None:
 
 def _words(value: Any) -> str:
     return "absent" if value is None else repr(value)
+
+
+def _folders(scene: Scene, directory: Path, todo: Sequence[Chain]) -> list[Path]:
+    """Return where each chain runs: in a new folder, or, in time, in the one where an earlier call has begun it."""
+    begun = {} if scene.steady else _begun(directory)
+    new = iter(_new_folders(directory, len(todo)))
+    return [begun.get(tuple(chain.points[0].values())) or next(new) for chain in todo]
+
+
+def _begun(directory: Path) -> dict[tuple[float, ...], Path]:
+    """Return the chains in time that have begun and not ended, by the values of their point."""
+    found = {}
+    for path in sorted(directory.glob("chain-*")):
+        result = path / folder.numbered(folder.RESULT, 1)
+        if not (path / folder.CHAIN).is_file() or not folder.is_run_folder(path) or folder.is_held(path):
+            continue
+        if not result.is_file() or folder.read_json(result).get("failure") in unsteady.RESUMABLE:
+            found[tuple(folder.read_json(path / folder.CHAIN)["points"][0].values())] = path
+    return found
 
 
 def _new_folders(directory: Path, count: int) -> list[Path]:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 
 import meshio
 import numpy as np
 
+from ffsi import folder
 from ffsi.fields import Fields
 
 
@@ -38,6 +40,24 @@ def write_vtu(path: Path, fields: Fields) -> None:
     partial = path.with_name(f".{path.name}.part")
     to_meshio(fields).write(partial, file_format="vtu", binary=True, compression="zlib")
     partial.replace(path)
+
+
+def write_series(directory: Path, states: Iterable[tuple[int, float, Fields]]) -> None:
+    """Write a series in time for ParaView: `fields-000123.vtu` for every state, and `fields.pvd` with their times.
+
+    Args:
+        directory: where the files go.
+        states: number of the time step, time in s and fields of every state.
+    """
+    entries = []
+    for step, time, fields in states:
+        name = f"fields-{step:06d}.vtu"
+        write_vtu(directory / name, fields)
+        entries.append(f'    <DataSet timestep="{time!r}" part="0" file="{name}"/>\n')
+    head = (
+        '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1" byte_order="LittleEndian">\n  <Collection>\n'
+    )
+    folder.write_text(directory / folder.SERIES, head + "".join(entries) + "  </Collection>\n</VTKFile>\n")
 
 
 def read_vtu(path: Path) -> Fields:

@@ -16,14 +16,13 @@ from ffsi.report.curves import FAILURE, LABELS, LINES
 from ffsi.report.figures import FAINT, INK, to_small_png
 from ffsi.run import OnEvent, run_chain
 from ffsi.scene import load_scene
-from ffsi.verification import Measurement, TextTable, link, number, origin, prepare, update_readme
+from ffsi.verification import NOTHING, Measurement, TextTable, link, number, origin, prepare, update_readme
 
 BLOCK = "mesh-motion"
 CSV, MARKDOWN, PICTURE = "mesh-motion.csv", "mesh-motion.md", "mesh-motion.png"
 VELOCITY = "inflow.mean_velocity"
 COMMON = 0.12  # mean velocity at which mesh motions are compared, m/s
 LEVEL = 1
-NOT_REACHED = "not-reached"
 
 
 @dataclass(frozen=True)
@@ -75,9 +74,9 @@ EXPLANATION = (
     "0.02 m/s up to 0.3 m/s; elastic roof: 0.01 m/s up to 0.12 m/s) until a point does not converge. *Stiffness*: what "
     "alpha grows with, small area (m) and small distance from the interface (n). *Reaches*: the last converged point; "
     "≥: the sweep's last one. min J: smallest det F in the fluid mesh, there and at "
-    f"{COMMON:g} m/s. Seconds, Newton iterations and factorisations are those of all points up to {COMMON:g} m/s "
-    "(seconds: the script's processor time, coarser meshes included); one factorisation and one Jacobian are medians "
-    "over the sweep."
+    f"{COMMON:g} m/s. Tip u_x (m) at {COMMON:g} m/s: a distorted mesh changes the result. Seconds, Newton iterations "
+    f"and factorisations are those of all points up to {COMMON:g} m/s (seconds: the script's processor time, coarser "
+    "meshes included); one factorisation and one Jacobian are medians over the sweep."
 )
 
 
@@ -89,7 +88,7 @@ class Track:
         sweep: what was to be solved.
         motion: the mesh motion.
         level: mesh level.
-        points: the content of `result.json` of each point, as far as the sweep got.
+        points: the content of `result.json` of each point, the one that was not solved last.
     """
 
     sweep: Sweep
@@ -133,6 +132,7 @@ class Track:
             "reaches": self.reaches,
             "min_jacobian_last": _jacobian(last),
             "min_jacobian": _jacobian(common),
+            "tip_ux": common.get("quantities", {}).get("tip_ux"),
             "seconds": common.get("timings", {}).get("script"),
             "iterations": common.get("newton", {}).get("iterations"),
             "factorizations": common.get("newton", {}).get("factorizations"),
@@ -162,14 +162,26 @@ def run(sweep: Sweep, motion: Motion, level: int, on_event: OnEvent | None = Non
     values = [{VELOCITY: velocity} for velocity in sweep.velocities]
     with tempfile.TemporaryDirectory(prefix=f"ffsi-{sweep.case}-") as directory:
         results = run_chain(scene, values, Path(directory) / "chain", draw="none", on_event=on_event)
-    return Track(sweep, motion, level, tuple(result.data for result in results if result.failure != NOT_REACHED))
+    solved = next((number for number, result in enumerate(results) if not result.solved), len(results))
+    return Track(sweep, motion, level, tuple(result.data for result in results[: solved + 1]))
 
 
-def table(tracks: Sequence[Track]) -> TextTable:
-    """Return one row per sweep and mesh motion."""
-    head = ("roof", "mesh motion, stiffness", "m", "n", "β", "reaches m/s", "min J there", f"min J at {COMMON:g}")
+def table(tracks: Sequence[Track], *, reasons: bool = False) -> TextTable:
+    """Return one row per sweep and mesh motion, on request with what ended it in short."""
+    head = (
+        "roof",
+        "mesh motion, stiffness",
+        "m",
+        "n",
+        "β",
+        "reaches m/s",
+        "min J there",
+        f"min J at {COMMON:g}",
+        "tip u_x",
+    )
     costs = ("seconds", "iterations", "factorisations", "one factorisation s", "one Jacobian s")
-    found = TextTable((*head, *costs), left=2, title="Mesh motions: how far they carry the flap")
+    last = ("ended by",) if reasons else ()
+    found = TextTable((*head, *costs, *last), left=2, title="Mesh motions: how far they carry the flap")
     for track in tracks:
         row, motion = track.row(), track.motion
         exponents = (motion.stiffness_exponent, motion.distance_exponent, motion.divergence_weight)
@@ -179,11 +191,18 @@ def table(tracks: Sequence[Track]) -> TextTable:
             *(f"{value:g}" for value in exponents),
             ("≥ " if track.complete else "") + number(row.get("reaches"), "{:g}"),
             *(number(row.get(name), "{:.3f}") for name in ("min_jacobian_last", "min_jacobian")),
+            number(row.get("tip_ux"), "{:.5f}"),
             number(row.get("seconds"), "{:.1f}"),
             *(number(row.get(name), "{:d}") for name in ("iterations", "factorizations")),
             *(number(row.get(name), "{:.3f}") for name in ("one_factorization", "one_jacobian")),
+            *((short(track.end[1]) if track.end else NOTHING) for _ in last),
         )
     return found
+
+
+def short(reason: str) -> str:
+    """Return a reason without the evidence that follows it in brackets."""
+    return reason.partition(" (last good state")[0]
 
 
 def ends(tracks: Sequence[Track]) -> list[str]:
@@ -293,8 +312,7 @@ def main(*, level: int = LEVEL, out: Path | None = None, readme: Path | None = N
         for motion in MOTIONS:
             with show.progress(f"{sweep.case}, {motion.name}", len(sweep.velocities)) as on_event:
                 tracks.append(run(sweep, motion, level, on_event))
-    found = table(tracks)
-    found.print()
+    table(tracks).print()
     for line in ends(tracks):
         show.note(line)
     written = origin(
@@ -310,8 +328,10 @@ def main(*, level: int = LEVEL, out: Path | None = None, readme: Path | None = N
         show.error(f"{readme} stays as it is, because a run failed")
     elif readme is not None:
         names = (MARKDOWN, PICTURE)
-        files = f" Why each sweep ended: {', '.join(f'[{n}]({link(out / n, readme)})' for n in names)}." if out else ""
-        update_readme(readme, BLOCK, "\n\n".join([EXPLANATION, found.markdown(), written + files]))
+        files = f" More: {', '.join(f'[{n}]({link(out / n, readme)})' for n in names)}." if out else ""
+        update_readme(
+            readme, BLOCK, "\n\n".join([EXPLANATION, table(tracks, reasons=True).markdown(), written + files])
+        )
         show.note(f"wrote the block {BLOCK} of {readme}")
     return failures
 
@@ -319,7 +339,7 @@ def main(*, level: int = LEVEL, out: Path | None = None, readme: Path | None = N
 def document(tracks: Sequence[Track], written: str) -> str:
     """Return `mesh-motion.md`."""
     parts = ["# Mesh motions", f"{written} {_mesh(tracks)}", EXPLANATION, f"![min J over velocity]({PICTURE})"]
-    parts += [table(tracks).markdown(), "## What ended the sweeps"]
+    parts += [table(tracks, reasons=True).markdown(), "## What ended the sweeps"]
     lines = "\n".join(f"- {line}." for line in ends(tracks)) or "Every sweep went to its last point."
     return "\n\n".join([*parts, lines, f"Every point: [{CSV}]({CSV})."]) + "\n"
 

@@ -1,4 +1,4 @@
-"""Every scene of the catalogue near 30 000 unknowns, and what a solid's pressure as an unknown costs."""
+"""Every steady scene of the catalogue near 30 000 unknowns, and what a solid's pressure as an unknown costs."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from typing import Any
 import pandas as pd
 
 from ffsi import folder, show
-from ffsi.bench.costs import COARSER, RATIOS, SOLVER, WORDS, Ratio, cost_row, marked, run
+from ffsi.bench.costs import COARSER, RATIOS, SOLVER, WORDS, cost_row, marked, run
 from ffsi.folder import InputError
-from ffsi.scene import CASES
+from ffsi.scene import STEADY_CASES
 from ffsi.verification import Measurement, TextTable, link, number, origin, prepare, update_readme
 
 BLOCK = "bench-scenes"
@@ -24,29 +24,31 @@ LEVELS = {"turek-csm1": 4, "turek-csm2": 4, "cylinder-2d1": 3, "cavity-flexible-
 
 # The solid of each scene that is also run with a pressure of its own.
 FORMULATED = {"flap-neo-hookean": "flap", "flap-mooney-rivlin": "flap", "cook": "membrane"}
-DISPLACEMENT = "displacement"
-FORMULATIONS = (DISPLACEMENT, "mixed", "incompressible")
+FORMULATIONS = ("displacement", "mixed", "incompressible")
 # What is compared between two formulations: name, title, phases.
 COMPARED = (
     ("total", "whole run", ("total",)),
     ("script", "script", ("script",)),
-    ("newton", "residual + Jacobian + factorise + solve", SOLVER),
+    ("newton", "Newton", SOLVER),
     ("one_jacobian", "one Jacobian", ("one_jacobian",)),
     ("one_factorization", "one factorisation", ("one_factorization",)),
 )
 FORMULATION_BOUND = 1.5
 
+# Short titles of `RATIOS`.
+SHORT = {"newton": "Newton", "overhead": "other phases"}
+MEANING = "; ".join(f"{SHORT[ratio.name]}: {ratio.title}" for ratio in RATIOS if ratio.name in SHORT)
 SCENES_TEXT = (
-    "Costs of a whole run in units of one factorisation on the final mesh, coarser meshes included, at the level nearest "
-    "to 30 000 unknowns; `!` marks what is above its bound, and the last column names the largest phases of it. "
-    "*On coarser meshes*: all that the script does before the final mesh. Iterations and factorisations are those on the "
-    "final mesh."
+    "Costs of a whole run in units of one factorisation on the final mesh, coarser meshes included, at the level "
+    f"nearest to 30 000 unknowns. {MEANING}. *Coarser meshes*: all that the script does before the final mesh. "
+    "Iterations and factorisations are those on the final mesh. `!` marks what is above its bound; the last column "
+    "gives the phases of it."
 )
 FORMULATIONS_TEXT = (
     "A pressure of the solid as one more unknown, as a multiple of the displacement form in the same repetition; `!` "
-    f"marks what is above {FORMULATION_BOUND}. Whole run: wall clock of all that `ffsi run` does but pictures; the others "
-    "are the script's processor time. An incompressible solid is another problem than the compressible one, with other "
-    "Newton iterations."
+    f"marks what is above {FORMULATION_BOUND}. Whole run: wall clock of all that `ffsi run` does but pictures; the "
+    "others are the script's processor time. An incompressible solid is another problem than the compressible one, "
+    "with other Newton iterations."
 )
 
 
@@ -55,13 +57,13 @@ def level_of(case: str) -> int:
     return LEVELS.get(case, LEVEL)
 
 
-def scene_table(rows: Sequence[Mapping[str, Any]]) -> TextTable:
-    """Return the ratios of every scene with their bounds; a value above its bound is marked with `!`."""
-    bounds = [f"{ratio.title} (below {ratio.bound:g})" for ratio in RATIOS]
-    head = ["case", "level", "unknowns", "one factorisation s", *bounds, "on coarser meshes", "iterations"]
-    table = TextTable(
-        [*head, "factorisations", "above the bound"], title="Scenes: seconds / seconds of one factorisation"
-    )
+def scene_table(rows: Sequence[Mapping[str, Any]], *, reasons: bool = False) -> TextTable:
+    """Return the ratios of every scene, on request with the phases of what is above its bound (marked with `!`)."""
+    head = ["case", "level", "unknowns", "factorisation s"]
+    head += [f"{SHORT.get(ratio.name, ratio.title)} (< {ratio.bound:g})" for ratio in RATIOS]
+    head += ["coarser meshes", "iterations", "factorisations"]
+    last = ["above the bound"] if reasons else []
+    table = TextTable([*head, *last], title="Scenes: seconds / seconds of one factorisation")
     for row in rows:
         table.add(
             str(row["case"]),
@@ -71,17 +73,20 @@ def scene_table(rows: Sequence[Mapping[str, Any]]) -> TextTable:
             *(marked(row.get(f"ratio_{ratio.name}"), ratio.bound) for ratio in RATIOS),
             number(_share(row, COARSER), "{:.2f}"),
             *(number(row.get(name), "{:d}") for name in ("iterations", "factorizations")),
-            "; ".join(largest(row, ratio) for ratio in RATIOS if row.get(f"ratio_{ratio.name}", 0.0) > ratio.bound),
+            *("; ".join(above(row)) for _ in last),
         )
     return table
 
 
-def largest(row: Mapping[str, Any], ratio: Ratio, count: int = 2) -> str:
-    """Return the largest phases of a ratio in units of one factorisation, such as `Jacobian 7.0, factorise 6.3`."""
-    shares = sorted(((_share(row, phase), phase) for phase in ratio.phases), reverse=True)[:count]
-    if len(shares) == 1:
-        return ratio.title
-    return ", ".join(f"{WORDS.get(phase, phase)} {share:.1f}" for share, phase in shares)
+def above(row: Mapping[str, Any]) -> list[str]:
+    """Return what is above its bound, a sum with its phases: `Newton: Jacobian 7.0, factorise 6.3, solve 1.2, ...`."""
+    found = []
+    for ratio in RATIOS:
+        if row.get(f"ratio_{ratio.name}", 0.0) > ratio.bound:
+            shares = sorted(((_share(row, phase), phase) for phase in ratio.phases), reverse=True)
+            parts = ", ".join(f"{WORDS.get(phase, phase)} {share:.1f}" for share, phase in shares)
+            found.append(f"{SHORT[ratio.name]}: {parts}" if ratio.name in SHORT else ratio.title)
+    return found
 
 
 def _share(row: Mapping[str, Any], phase: str) -> float:
@@ -129,7 +134,7 @@ def formulation_table(rows: Sequence[Mapping[str, Any]]) -> TextTable:
 
 
 def main(*, repeat: int = 1, out: Path | None = None, readme: Path | None = None) -> list[str]:
-    """Run every scene of the catalogue and the formulations of a solid, one thread, and print what they cost.
+    """Run every steady scene of the catalogue and the formulations of a solid, one thread, and print what they cost.
 
     Args:
         repeat: runs per scene; seconds and ratios are the medians.
@@ -147,13 +152,15 @@ def main(*, repeat: int = 1, out: Path | None = None, readme: Path | None = None
         raise InputError(f"--repeat: at least one run, not {repeat}")
     prepare(out, readme, BLOCK)
     run("turek-csm1", ["mesh.level=0"])  # what Python imports and FreeFEM reads from disk for the first time
-    groups = [[run(case, [f"mesh.level={level_of(case)}"]) for _ in range(repeat)] for case in CASES]
+    groups = [[run(case, [f"mesh.level={level_of(case)}"]) for _ in range(repeat)] for case in STEADY_CASES]
     compared = {case: [_formulations(case, solid) for _ in range(repeat)] for case, solid in FORMULATED.items()}
     scenes = [cost_row(group) for group in groups]
     forms = [row for case, repetitions in compared.items() for row in formulation_rows(case, repetitions)]
-    tables = [scene_table(scenes), formulation_table(forms)]
-    for table in tables:
+    for table in (scene_table(scenes), formulation_table(forms)):
         table.print()
+    for row in scenes:
+        for text in above(row):
+            show.note(f"above the bound, {row['case']}: {text}")
     if out is not None:
         for name, rows in ((SCENES_CSV, scenes), (FORMULATIONS_CSV, forms)):
             folder.write_text(out / name, pd.DataFrame(rows).to_csv(index=False, float_format="%.8g"))
@@ -167,7 +174,8 @@ def main(*, repeat: int = 1, out: Path | None = None, readme: Path | None = None
         written = origin("ffsi bench --scenes" + (f" --repeat {repeat}" if repeat > 1 else ""), every)
         names = (SCENES_CSV, FORMULATIONS_CSV)
         files = f" Every phase: {', '.join(f'[{name}]({link(out / name, readme)})' for name in names)}." if out else ""
-        parts = [SCENES_TEXT, tables[0].markdown(), FORMULATIONS_TEXT, tables[1].markdown(), written + files]
+        parts = [SCENES_TEXT, scene_table(scenes, reasons=True).markdown()]
+        parts += [FORMULATIONS_TEXT, formulation_table(forms).markdown(), written + files]
         update_readme(readme, BLOCK, "\n\n".join(parts))
         show.note(f"wrote the block {BLOCK} of {readme}")
     return failures

@@ -1,22 +1,25 @@
-"""Verdict on a state that another program returned: residuals, prescribed values and forces."""
+"""Verdict on a state or a time step that another program returned: residuals, prescribed values and forces."""
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from ffsi.rawfiles import Floats, RawMesh, RawState, read_mesh, read_state
 from ffsi.reference.forces import Forces, coefficient_scale, compute_forces
-from ffsi.reference.from_scene import problem_from_scene, refuse_other_parameters
+from ffsi.reference.from_scene import problem_from_scene, refuse_other_parameters, refuse_other_step
 from ffsi.reference.problem import Problem
 from ffsi.reference.residual import compute_residual
+from ffsi.reference.step import Step
 from ffsi.reference.system import Mask, System
 from ffsi.scene import Scene
 
 TOLERANCE = 1e-8
+STEPS = "steps.json"
 # A component below this fraction of the force is a difference of large numbers, compared on the scale of the force.
 _SMALL_COMPONENT = 1e-3
 
@@ -30,6 +33,7 @@ class CheckReport:
     ``dirichlet``: largest deviation from a prescribed value. ``drag_difference``, ``lift_difference``,
     ``coefficient_difference``: reported against recomputed forces. ``min_jacobian``: smallest det F.
     ``forces``: the recomputed forces, both forms. ``failures``: one sentence for each number above ``tolerance``.
+    Of several time steps every number is the worst, and the forces are those of the last one.
     """
 
     momentum: float | None
@@ -64,41 +68,116 @@ def check_state(
     ``reported_quantities`` may hold ``drag``, ``lift`` (N per metre depth), ``drag_coefficient``, ``lift_coefficient``;
     others are ignored. Raises ``ValueError`` if mesh, state and problem do not fit together.
     """
-    system = System.build(problem, mesh)
+    return _report([_examine(System.build(problem, mesh), state, reported_quantities)], tolerance)
+
+
+def check_step(
+    problem: Problem,
+    mesh: RawMesh,
+    old: RawState,
+    new: RawState,
+    step: Step,
+    reported_quantities: Mapping[str, float],
+    tolerance: float = TOLERANCE,
+) -> CheckReport:
+    """Check that the time step from ``old`` to ``new`` solves ``problem``, and the forces reported at its end.
+
+    Of ``old`` only u and v enter. A program that solves its steps to a looser accuracy than ``tolerance`` needs a
+    larger one. Other arguments and errors are those of ``check_state``.
+    """
+    system = System.build(problem, mesh).stepping(old, step)
+    return _report([_examine(system, new, reported_quantities)], tolerance)
+
+
+def check_run(directory: Path, scene: Scene, point: int = 1, tolerance: float = TOLERANCE) -> CheckReport:
+    """Check one point of a run folder, or all its checked time steps, against the scene that it was run with.
+
+    The scene must carry the values that the run really used. A scene in time has no points but ``steps.json``: a list
+    of ``{"step", "time", "k", "theta", "old", "new", "quantities"}`` where old and new name files in the format of a
+    point's state. Raises ``ValueError`` where the parameters in the point's JSON, or a step, are none of the scene's,
+    no step is listed or a file does not fit, and ``OSError`` if one is missing.
+    """
+    directory = Path(directory)
+    mesh = read_mesh(directory / "mesh.bin")
+    if scene.time is not None:
+        return _report(_examine_steps(directory, scene, mesh), tolerance)
+    outcome = json.loads((directory / f"point-{point:04d}.json").read_text(encoding="utf-8"))
+    refuse_other_parameters(scene, outcome.get("parameters", {}))
+    state = read_state(directory / f"point-{point:04d}.bin", mesh)
+    return check_state(problem_from_scene(scene), mesh, state, outcome.get("quantities", {}), tolerance)
+
+
+@dataclass(frozen=True)
+class _Findings:
+    """Numbers of one state by name, its smallest det F, its forces, and words that say which step it belongs to."""
+
+    numbers: dict[str, float]
+    min_jacobian: float
+    forces: Forces
+    place: str
+
+
+def _examine(system: System, state: RawState, reported: Mapping[str, float], place: str = "") -> _Findings:
     residual = compute_residual(system, state)
     forces = compute_forces(system, state, residual)
-    dirichlet = _dirichlet(system, state)
-    differences = _force_differences(system, forces, reported_quantities)
-    numbers = residual.relative | {"dirichlet": dirichlet} | differences
+    numbers = residual.relative | {"dirichlet": _dirichlet(system, state)}
+    return _Findings(numbers | _force_differences(system, forces, reported), residual.min_jacobian, forces, place)
+
+
+def _examine_steps(directory: Path, scene: Scene, mesh: RawMesh) -> list[_Findings]:
+    """Examine every step that the run folder lists."""
+    entries = json.loads((directory / STEPS).read_text(encoding="utf-8"))
+    if not entries:
+        raise ValueError(f"{directory / STEPS}: no step is listed")
+    system = System.build(problem_from_scene(scene), mesh)
+    found = []
+    for entry in entries:
+        step, old, new = _read_entry(directory, entry)
+        refuse_other_step(scene, step)
+        stepping = system.stepping(read_state(old, mesh), step)
+        place = f" in step {entry['step']} at {step.time:g} s"
+        found.append(_examine(stepping, read_state(new, mesh), entry.get("quantities", {}), place))
+    return found
+
+
+def _read_entry(directory: Path, entry: Mapping[str, Any]) -> tuple[Step, Path, Path]:
+    """Return the step of an entry of ``steps.json`` and the files of both its ends."""
+    if missing := {"step", "time", "k", "theta", "old", "new"} - entry.keys():
+        raise ValueError(f"{directory / STEPS}: an entry without {', '.join(sorted(missing))}")
+    step = Step(float(entry["k"]), float(entry["theta"]), float(entry["time"]))
+    return step, directory / entry["old"], directory / entry["new"]
+
+
+def _report(found: Sequence[_Findings], tolerance: float) -> CheckReport:
+    """Gather what was found in one state, or in several: then the worst of each number counts."""
+    names = list(dict.fromkeys(name for each in found for name in each.numbers))
+    worst = {name: _worst(found, name) for name in names}
+    numbers = {name: each.numbers[name] for name, each in worst.items()}
     return CheckReport(
         momentum=numbers.get("momentum"),
         continuity=numbers.get("continuity"),
         kinematics=numbers.get("kinematics"),
         mesh_motion=numbers.get("mesh_motion"),
         incompressibility=numbers.get("incompressibility"),
-        dirichlet=dirichlet,
+        dirichlet=numbers["dirichlet"],
         drag_difference=numbers.get("drag_difference"),
         lift_difference=numbers.get("lift_difference"),
         coefficient_difference=numbers.get("coefficient_difference"),
-        min_jacobian=residual.min_jacobian,
+        min_jacobian=min(each.min_jacobian for each in found),
         tolerance=tolerance,
-        forces=forces,
-        failures=_failures(numbers, residual.min_jacobian, forces, tolerance),
+        forces=found[-1].forces,
+        failures=_failures(worst, min(found, key=lambda each: each.min_jacobian), tolerance),
     )
 
 
-def check_run(directory: Path, scene: Scene, point: int = 1, tolerance: float = TOLERANCE) -> CheckReport:
-    """Check one point of a run folder against the scene that it was run with.
+def _worst(found: Sequence[_Findings], name: str) -> _Findings:
+    """Return where a number is largest or no number."""
 
-    The scene must carry the values that the run really used. Raises ``ValueError`` where the parameters in the
-    point's JSON say otherwise or a file does not fit, and ``OSError`` if one is missing.
-    """
-    directory = Path(directory)
-    outcome = json.loads((directory / f"point-{point:04d}.json").read_text(encoding="utf-8"))
-    refuse_other_parameters(scene, outcome.get("parameters", {}))
-    mesh = read_mesh(directory / "mesh.bin")
-    state = read_state(directory / f"point-{point:04d}.bin", mesh)
-    return check_state(problem_from_scene(scene), mesh, state, outcome.get("quantities", {}), tolerance)
+    def badness(each: _Findings) -> float:
+        number = each.numbers.get(name, -math.inf)
+        return math.inf if math.isnan(number) else number
+
+    return max(found, key=badness)
 
 
 def _dirichlet(system: System, state: RawState) -> float:
@@ -139,12 +218,12 @@ def _force_differences(system: System, forces: Forces, reported: Mapping[str, fl
     return differences
 
 
-def _failures(numbers: Mapping[str, float], min_jacobian: float, forces: Forces, tolerance: float) -> list[str]:
-    """One sentence for each number that is above the tolerance or not a number."""
+def _failures(worst: Mapping[str, _Findings], inverted: _Findings, tolerance: float) -> list[str]:
+    """One sentence for each number, by name, that is above the tolerance or not a number where it is worst."""
     words = {
         "momentum": "relative residual of the momentum",
         "continuity": "relative residual of the continuity",
-        "kinematics": "largest solid velocity relative to the largest velocity",
+        "kinematics": "largest solid velocity, less that of its displacement, relative to the largest velocity",
         "mesh_motion": "relative residual of the mesh motion",
         "incompressibility": "relative residual of the volume of mixed solids",
         "dirichlet": "largest relative deviation from a prescribed value",
@@ -153,12 +232,17 @@ def _failures(numbers: Mapping[str, float], min_jacobian: float, forces: Forces,
         "coefficient_difference": "relative difference between reported and recomputed force coefficients",
     }
     failures = []
-    for name, number in numbers.items():
-        if not number <= tolerance:
-            failures.append(f"{name}: the {words[name]} is {number:.2e}, allowed is {tolerance:.0e}")
-    if forces.total is not None and any("_difference" in text for text in failures):
-        drag, lift = forces.total.residual
-        failures.append(f"recomputed: drag {drag:.12g} N/m, lift {lift:.12g} N/m")
-    if not min_jacobian > 0.0:
-        failures.append(f"min_jacobian: a triangle is turned inside out, the smallest det F is {min_jacobian:.2e}")
+    forces: dict[str, Forces] = {}
+    for name, found in worst.items():
+        if not (number := found.numbers[name]) <= tolerance:
+            failures.append(f"{name}: the {words[name]} is {number:.2e}{found.place}, allowed is {tolerance:.0e}")
+            if name.endswith("_difference"):
+                forces[found.place] = found.forces
+    for place, force in forces.items():
+        if force.total is not None:
+            drag, lift = force.total.residual
+            failures.append(f"recomputed: drag {drag:.12g} N/m, lift {lift:.12g} N/m{place}")
+    if not (smallest := inverted.min_jacobian) > 0.0:
+        text = f"a triangle is turned inside out{inverted.place}, the smallest det F is {smallest:.2e}"
+        failures.append(f"min_jacobian: {text}")
     return failures

@@ -31,7 +31,8 @@ class Forces:
 def compute_forces(system: System, state: RawState, residual: Residual) -> Forces:
     """Compute the forces of ``state`` on every part that touches the fluid; ``residual`` is that of the same state.
 
-    The force on all parts is computed for the union of their labels, since neighbouring parts share a node.
+    In the system of a time step ``state`` is the new one and the residual form has the momentum of the step. The force
+    on all parts is computed for the union of their labels, since neighbouring parts share a node.
     """
     fluid = system.fluid
     if fluid is None:
@@ -40,8 +41,8 @@ def compute_forces(system: System, state: RawState, residual: Residual) -> Force
     if not wet:
         return Forces({}, None)
     union = [label for labels in wet.values() for label in labels]
-    parts = {name: _force(fluid, state, residual, labels) for name, labels in wet.items()}
-    return Forces(parts, _force(fluid, state, residual, union))
+    parts = {name: _force(system, fluid, state, residual, labels) for name, labels in wet.items()}
+    return Forces(parts, _force(system, fluid, state, residual, union))
 
 
 def coefficient_scale(system: System) -> float | None:
@@ -52,7 +53,7 @@ def coefficient_scale(system: System) -> float | None:
     return 0.5 * problem.fluid.density * problem.mean_velocity**2 * problem.reference_length
 
 
-def _force(fluid: FluidPart, state: RawState, residual: Residual, labels: Sequence[int]) -> Force:
+def _force(system: System, fluid: FluidPart, state: RawState, residual: Residual, labels: Sequence[int]) -> Force:
     sides = fluid.sides
     on_part = np.isin(sides.label, labels)
     part = sides.select(on_part)
@@ -61,21 +62,39 @@ def _force(fluid: FluidPart, state: RawState, residual: Residual, labels: Sequen
     touching = phi[sides.nodes].any(axis=1)
     rest = sides.select(touching & ~on_part)
     phi_rest = phi[rest.nodes] @ line_basis(gauss_rule()[0])[0].T
-    carried = np.einsum("nqi,nq->i", side_forces(fluid, rest, state), phi_rest)
+    carried = np.einsum("nqi,nq->i", side_forces(rest, _balanced_stress(system, fluid, rest, state)), phi_rest)
+    new = side_flow(fluid, part, state)
+    stress = new.pressure_flux + new.viscous_flux(fluid.law.viscosity)
     return Force(
-        surface=-side_forces(fluid, part, state).sum(axis=(0, 1)),
+        surface=-side_forces(part, stress).sum(axis=(0, 1)),
         residual=-(phi @ residual.fluid_force - carried),
     )
 
 
-def side_forces(fluid: FluidPart, sides: Sides, state: RawState) -> Floats:
-    """P_f N dS at the five Gauss points of each side, weights included, (n, 5, 2) newtons per metre depth.
+def _balanced_stress(system: System, fluid: FluidPart, sides: Sides, state: RawState) -> Floats:
+    """Stress at the Gauss points of sides as the momentum has it: in a time step the viscous part is a mean."""
+    new = side_flow(fluid, sides, state)
+    viscous = new.viscous_flux(fluid.law.viscosity)
+    if (increment := system.increment) is not None:
+        old = side_flow(fluid, sides, increment.old)
+        viscous = increment.step.mean(viscous, old.viscous_flux(fluid.law.viscosity))
+    result: Floats = new.pressure_flux + viscous
+    return result
 
-    P_f is taken from the fluid triangle of the side; N points out of the fluid.
+
+def side_forces(sides: Sides, stress: Floats) -> Floats:
+    """P N dS of stresses (n, 5, 2, 2) at the five Gauss points of each side, weights included, (n, 5, 2) N per metre.
+
+    N points out of the fluid.
     """
+    result: Floats = np.einsum("nqij,nj,q->nqi", stress, sides.normal, gauss_rule()[1])
+    return result
+
+
+def side_flow(fluid: FluidPart, sides: Sides, state: RawState) -> terms.Flow:
+    """Flow at the five Gauss points of each side, taken from the fluid triangle of the side."""
     elements = fluid.elements
-    parameters, weights = gauss_rule()
-    points = side_points(parameters)
+    points = side_points(gauss_rule()[0])
     flat = points.reshape(-1, 2)
     shape = points.shape[:2]
     slopes = p2_gradients(flat).reshape(*shape, 6, 2)[sides.side]
@@ -84,7 +103,4 @@ def side_forces(fluid: FluidPart, sides: Sides, state: RawState) -> Floats:
     u, v, p = state.u[nodes], state.v[nodes], state.p[vertices]
     velocity = p2_basis(flat).reshape(*shape, 6)[sides.side] @ v
     pressure = np.einsum("nqa,na->nq", barycentric(flat).reshape(*shape, 3)[sides.side], p)
-    flow = terms.Flow.evaluate(gradients, velocity, pressure, u, v)
-    stress = flow.pressure_flux + flow.viscous_flux(fluid.law.viscosity)
-    result: Floats = np.einsum("nqij,nj,q->nqi", stress, sides.normal, weights)
-    return result
+    return terms.Flow.evaluate(gradients, velocity, pressure, u, v)

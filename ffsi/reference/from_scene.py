@@ -9,6 +9,7 @@ import numpy as np
 from ffsi.rawfiles import Floats
 from ffsi.reference import materials
 from ffsi.reference.problem import FLUID_REGION, Boundary, Fluid, MeshMotion, Problem, Solid
+from ffsi.reference.step import Step
 from ffsi.scene import Scene, boundaries
 
 # Scripts may write their parameters with fewer digits than they compute with.
@@ -46,9 +47,46 @@ def problem_from_scene(scene: Scene) -> Problem:
         traction=(scene.traction.x, scene.traction.y) if scene.traction else (0.0, 0.0),
         mesh_motion=_mesh_motion(scene),
         inflow_profile=inflow_profile if profile else None,
+        inflow_factor=_inflow_factor(scene),
         mean_velocity=scene.inflow.mean_velocity if scene.inflow else None,
         reference_length=scene.forces.reference_length if scene.forces else None,
     )
+
+
+def _inflow_factor(scene: Scene) -> Callable[[float], float] | None:
+    """Return the function of time that multiplies the inflow, None where it is steady."""
+    if scene.time is None or scene.inflow is None:
+        return None
+    ramp, waveform = scene.inflow.ramp, scene.inflow.waveform_expression
+
+    def factor(time: float) -> float:
+        grown = 1.0 if ramp is None or time >= ramp else 0.5 - 0.5 * math.cos(math.pi * time / ramp)
+        return grown * float(waveform.evaluate(t=time))
+
+    return factor
+
+
+def _theta(scheme: str, shift: float, k: float) -> float:
+    """Weight of the new state in a step of ``k`` seconds."""
+    weights = {"backward-euler": 1.0, "crank-nicolson": 0.5, "shifted-crank-nicolson": min(1.0, 0.5 + shift * k)}
+    if scheme not in weights:
+        raise ValueError(f"the reference checker does not know the time scheme {scheme!r}")
+    return weights[scheme]
+
+
+def refuse_other_step(scene: Scene, step: Step) -> None:
+    """Raise ``ValueError`` if a step is none of the scene's: steady, too long, after the end, or another theta."""
+    if (time := scene.time) is None:
+        raise ValueError(f"{scene.name}: a time step, but the scene is steady")
+    theta = _theta(time.scheme, time.shift, step.k)
+    wrong = {
+        f"k = {step.k!r} s, at most {time.step!r} s": step.k > time.step * (1.0 + _SAME),
+        f"theta = {step.theta!r}, expected {theta!r}": abs(step.theta - theta) > _SAME,
+        f"its start is at {step.start!r} s": step.start < -_SAME * step.k,
+        f"its end is at {step.time!r} s, the last at {time.end!r} s": step.time > time.end * (1.0 + _SAME),
+    }
+    if found := [text for text, is_wrong in wrong.items() if is_wrong]:
+        raise ValueError(f"{scene.name}: a step that the scene does not have: {'; '.join(found)}")
 
 
 def _mesh_motion(scene: Scene) -> MeshMotion | None:

@@ -12,6 +12,7 @@ Role = Literal["inlet", "outlet", "no-slip", "interface", "clamped", "free", "lo
 OutletKind = Literal["do-nothing", "zero-traction"]
 MotionKind = Literal["harmonic", "linear-elastic", "hyperelastic"]
 Formulation = Literal["displacement", "mixed", "incompressible"]
+Field = Callable[[Floats, float], Floats]
 FLUID_REGION = 1
 
 
@@ -81,12 +82,32 @@ class Boundary:
 
 
 @dataclass(frozen=True)
+class Manufactured:
+    """Values and sources that make chosen smooth fields the exact solution (method of manufactured solutions).
+
+    Every function takes reference points X (n, 2), metres, and the time t, seconds; steady systems take t = 0.
+    ``displacement`` (n, 2) metres and ``velocity`` (n, 2) metres per second are the values wherever u and v are
+    prescribed; a fluid alone has its u prescribed everywhere, which is a mesh that moves as told. By region:
+    ``force`` (n, 2) newtons per cubic metre of the reference domain, what the momentum equation leaves over;
+    ``stress`` (n, 2, 2) pascals, the first Piola-Kirchhoff stress P, whose traction P N loads the boundary of the
+    region, so that an interface may carry a jump and an outlet any traction. ``mass`` (n,) per second is J div v.
+    """
+
+    displacement: Field
+    velocity: Field
+    force: Mapping[int, Field]
+    stress: Mapping[int, Field]
+    mass: Field | None = None
+
+
+@dataclass(frozen=True)
 class Problem:
-    """One steady fluid-structure problem.
+    """One fluid-structure problem, steady or in time.
 
     ``solids`` by region number (2, 3, ...); ``gravity`` m/s2; ``traction`` the dead load on boundaries with the role
-    loaded, Pa per reference length; ``inflow_profile`` maps y (n,) to the velocity v_x (n,) at the inlet;
-    ``mean_velocity`` and ``reference_length`` scale the force coefficients.
+    loaded, Pa per reference length; ``inflow_profile`` maps y (n,) to the velocity v_x (n,) at the inlet and
+    ``inflow_factor`` the time to the factor on it (1 if there is none, and in steady problems);
+    ``mean_velocity`` and ``reference_length`` scale the force coefficients; ``manufactured`` is for tests only.
     Raises ``ValueError`` where the pieces do not fit together.
     """
 
@@ -99,8 +120,10 @@ class Problem:
     outlet: OutletKind | None = None
     mesh_motion: MeshMotion | None = None
     inflow_profile: Callable[[Floats], Floats] | None = None
+    inflow_factor: Callable[[float], float] | None = None
     mean_velocity: float | None = None
     reference_length: float | None = None
+    manufactured: Manufactured | None = None
 
     def __post_init__(self) -> None:
         """Refuse a problem that lacks what its regions and boundaries need."""

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ffsi.rawfiles import Floats, Ints, RawState
-from ffsi.reference import terms
+from ffsi.rawfiles import Floats, RawState
+from ffsi.reference import momentum, sources, terms
+from ffsi.reference.assembly import scatter
 from ffsi.reference.elements import Elements
 from ffsi.reference.materials import IDENTITY, determinant
 from ffsi.reference.problem import MeshMotion
@@ -54,22 +55,15 @@ class Equation:
         return norm / self.scale if norm > 0.0 else 0.0
 
 
-def scatter(local: Floats, nodes: Ints, size: int) -> Floats:
-    """Add local values (n, k, components) into nodes (n, k) of ``size`` nodes; (size, components)."""
-    where = nodes.ravel()
-    columns = [np.bincount(where, weights=column.ravel(), minlength=size) for column in np.moveaxis(local, -1, 0)]
-    return np.column_stack(columns)
-
-
 @dataclass(frozen=True)
 class Residual:
-    """Residual of a state.
+    """Residual of a state, steady or at the end of a time step.
 
     ``equations`` by name: momentum, continuity, mesh_motion, incompressibility, those that the scene has; the nodes of
-    the last one are those of all pressures of mixed solids, one after the other. ``kinematics`` the largest velocity in
-    the solids relative to the largest velocity, None without both fluid and solid; ``fluid_force`` (n2, 2) the fluid's
-    momentum alone, without the outlet term, N per metre depth; ``min_jacobian`` the smallest det F at any quadrature
-    point.
+    the last one are those of all pressures of mixed solids, one after the other. ``kinematics`` what is left of the
+    velocity in the solids (of a time step: less that of the displacement), relative to the largest velocity; None
+    without a solid, and of a steady solid alone. ``fluid_force`` (n2, 2) the fluid's momentum alone, without outlet and
+    sources, N per metre depth; ``min_jacobian`` the smallest det F at any quadrature point.
     """
 
     equations: dict[str, Equation]
@@ -87,36 +81,34 @@ class Residual:
 def compute_residual(system: System, state: RawState) -> Residual:
     """Assemble every term of every equation for ``state`` (u, v (n2, 2), p (nv,), ps (number of mixed solids, nv)).
 
-    Raises ``ValueError`` if the sizes of the state do not fit the mesh or the number of mixed solids.
+    In the system of a time step ``state`` is the new one. Raises ``ValueError`` if the sizes of a state do not fit the
+    mesh or the number of mixed solids.
     """
     _refuse_other_sizes(system, state)
-    n2 = system.mesh.n_p2
-    total = {"gravity": np.zeros((n2, 2))}
-    magnitude, force = np.zeros((n2, 2)), np.zeros((n2, 2))
+    if system.increment is not None:
+        _refuse_other_sizes(system, system.increment.old)
     equations: dict[str, Equation] = {}
-    jacobians = []
+    jacobians, force = [], np.zeros_like(state.u)
+    total: dict[str, Floats] = {"gravity": np.zeros_like(state.u)}
     if system.fluid is not None:
         flow = _flow(system.fluid, state)
         jacobians.append(flow.jacobian.min())
-        total = _fluid_momentum(system, system.fluid, flow)
+        total = _fluid_momentum(system, system.fluid, state, flow)
         force = np.sum(list(total.values()), axis=0)
-        magnitude += _fluid_magnitude(system.fluid, state)
-        if system.problem.outlet == "do-nothing":
-            total["outlet"] = _outlet(system, system.fluid, state)
         equations["continuity"] = _continuity(system, system.fluid, flow, state)
         if system.fluid.motion is not None:
             equations["mesh_motion"] = _mesh_motion(system, system.fluid, system.fluid.motion, state)
     for region, solid in system.solids.items():
         jacobians.append(_smallest_jacobian(solid, state))
-        local = _solid_momentum(system, solid, state)
-        total["gravity"] = total["gravity"] + local.pop("gravity")
-        total |= {f"{name} in region {region}": term for name, term in local.items()}
-        magnitude += _solid_magnitude(solid, state)
-    if system.problem.labels("loaded"):
-        total["traction"] = _traction(system)
+        for name, term in _solid_momentum(system, solid, state).items():
+            if name in ("gravity", "inertia"):  # one term each, fluid and solids together
+                total[name] = total.get(name, 0.0) + term
+            else:
+                total[f"{name} in region {region}"] = term
     if system.problem.mixed_regions:
         equations["incompressibility"] = _incompressibility(system, state)
-    equations["momentum"] = Equation(total, system.rows.momentum, magnitude)
+    total |= _loads(system, state)
+    equations["momentum"] = Equation(total, system.rows.momentum, _magnitude(system, state))
     return Residual(equations, _kinematics(system, state), force, float(min(jacobians)))
 
 
@@ -136,20 +128,35 @@ def _flow(fluid: FluidPart, state: RawState) -> terms.Flow:
     return terms.Flow.at_points(fluid.elements, state.u[nodes], state.v[nodes], state.p[fluid.elements.vertices])
 
 
-def _fluid_momentum(system: System, fluid: FluidPart, flow: terms.Flow) -> dict[str, Floats]:
-    local = terms.fluid_momentum(fluid.law, system.problem.gravity, fluid.elements, flow)
-    return {name: scatter(term, fluid.elements.nodes, system.mesh.n_p2) for name, term in local.items()}
+def _fluid_momentum(system: System, fluid: FluidPart, state: RawState, flow: terms.Flow) -> dict[str, Floats]:
+    nodes = fluid.elements.nodes
+    local = momentum.fluid_momentum(system, fluid, state.u[nodes], state.v[nodes], flow)
+    return {name: scatter(term, nodes, system.mesh.n_p2) for name, term in local.items()}
+
+
+def _loads(system: System, state: RawState) -> dict[str, Floats]:
+    """Momentum of the boundaries, and sources: what belongs neither to the fluid's force nor to a solid's stress."""
+    loads: dict[str, Floats] = {}
+    if system.fluid is not None and system.problem.outlet == "do-nothing":
+        loads["outlet"] = _outlet(system, system.fluid, state)
+    if system.problem.labels("loaded"):
+        loads["traction"] = _traction(system)
+    if system.problem.manufactured is not None:
+        loads["source"] = sources.momentum_source(system, system.problem.manufactured)
+    return loads
 
 
 def _outlet(system: System, fluid: FluidPart, state: RawState) -> Floats:
     nodes = fluid.sides.nodes[np.isin(fluid.sides.label, system.problem.labels("outlet"))]
-    return scatter(terms.outlet(fluid.law.viscosity, state.v[nodes]), nodes, system.mesh.n_p2)
+    return scatter(momentum.outlet(system, fluid, nodes, state.v[nodes]), nodes, system.mesh.n_p2)
 
 
 def _continuity(system: System, fluid: FluidPart, flow: terms.Flow, state: RawState) -> Equation:
     elements, nv = fluid.elements, len(system.mesh.vertices)
     local = terms.continuity(elements, flow)
     assembled = {name: scatter(term[..., None], elements.vertices, nv) for name, term in local.items()}
+    if (exact := system.problem.manufactured) is not None and exact.mass is not None:
+        assembled["source"] = sources.mass_source(system, exact.mass)
     return Equation(assembled, system.rows.continuity, _fluxes(state.v, elements, nv))
 
 
@@ -163,8 +170,7 @@ def _mesh_motion(system: System, fluid: FluidPart, motion: MeshMotion, state: Ra
 
 def _solid_momentum(system: System, solid: SolidPart, state: RawState) -> dict[str, Floats]:
     nodes = solid.elements.nodes
-    pressure = _solid_pressure(solid, state)
-    local = terms.solid_momentum(solid.law, system.problem.gravity, solid.elements, state.u[nodes], pressure)
+    local = momentum.solid_momentum(system, solid, state.u[nodes], state.v[nodes], _solid_pressure(solid, state))
     return {name: scatter(term, nodes, system.mesh.n_p2) for name, term in local.items()}
 
 
@@ -203,11 +209,44 @@ def _smallest_jacobian(solid: SolidPart, state: RawState) -> float:
 
 
 def _kinematics(system: System, state: RawState) -> float | None:
-    if system.fluid is None or not system.solids:
+    if not system.solids or (system.fluid is None and system.increment is None):
         return None
-    nodes = np.concatenate([solid.elements.nodes.ravel() for solid in system.solids.values()])
+    if system.increment is None:
+        # All nodes: the values that a boundary prescribes are zero too.
+        nodes = np.concatenate([solid.elements.nodes.ravel() for solid in system.solids.values()])
+    else:
+        nodes = np.flatnonzero(system.rows.kinematics)
+    left = momentum.kinematics(system, nodes, state.u[nodes], state.v[nodes])
     largest = float(np.hypot(*state.v.T).max())
-    return float(np.abs(state.v[nodes]).max()) / (largest or 1.0)
+    return float(np.abs(left).max(initial=0.0)) / (largest or 1.0)
+
+
+def _magnitude(system: System, state: RawState) -> Floats:
+    """Size of the single nodal contributions to a momentum row, (n2, 2)."""
+    total = np.zeros_like(state.u)
+    states = [state] if system.increment is None else [state, system.increment.old]
+    for each in states:
+        if system.fluid is not None:
+            total += _fluid_magnitude(system.fluid, each)
+        for solid in system.solids.values():
+            total += _solid_magnitude(solid, each)
+    return total + _inertia_magnitude(system, state)
+
+
+def _inertia_magnitude(system: System, state: RawState) -> Floats:
+    """Size of what cancels in the difference quotients of u and v in a time step, (n2, 2); zero in a steady system."""
+    total = np.zeros_like(state.u)
+    if (increment := system.increment) is None:
+        return total
+    parts: list[FluidPart | SolidPart] = [*([system.fluid] if system.fluid else []), *system.solids.values()]
+    for part in parts:
+        elements, old = part.elements, increment.old
+        speed = _largest(state.v, elements) + _largest(old.v, elements)
+        size = speed * elements.area
+        if isinstance(part, FluidPart):  # convection by the motion of the mesh
+            size += speed * np.sqrt(elements.area) * _largest(state.u - old.u, elements)
+        total += _spread(part.law.density / increment.step.k * size, elements, len(total))
+    return total
 
 
 def _fluid_magnitude(fluid: FluidPart, state: RawState) -> Floats:

@@ -1,4 +1,4 @@
-"""Newton's method on the checker's own residual, for small cases from rest.
+"""Newton's method on the checker's own residual, for small cases: steady ones from rest, and steps in time.
 
 The Jacobian is assembled from element matrices (27 local unknowns in the fluid, 12 or 15 in a solid) which
 differentiate the element residual numerically, by central divided differences or by a complex step; both know nothing
@@ -14,10 +14,11 @@ from scipy.sparse import coo_array, csc_array, diags_array
 from scipy.sparse.linalg import splu
 
 from ffsi.rawfiles import Floats, Ints, RawState
-from ffsi.reference import terms
+from ffsi.reference import momentum, terms
 from ffsi.reference.materials import Array
 from ffsi.reference.residual import Residual, compute_residual
-from ffsi.reference.system import FluidPart, Mask, Rows, SolidPart, System
+from ffsi.reference.step import Step
+from ffsi.reference.system import FluidPart, Mask, SolidPart, System
 
 Method = Literal["complex-step", "divided-difference"]
 
@@ -47,10 +48,11 @@ class Solution:
 
 @dataclass(frozen=True)
 class _Group:
-    """Elements of one kind with k local unknowns and equations.
+    """Elements of one kind with k local unknowns and r local equations.
 
-    ``function`` maps local unknowns (n, k) to local residuals (n, k); ``unknowns`` (n, k) are its argument, ``columns``
-    and ``rows`` the global numbers of unknowns and equations, ``steps`` those of the divided differences.
+    ``function`` maps local unknowns (n, k) to local residuals (n, r); ``unknowns`` (n, k) are its argument, ``columns``
+    (n, k) and ``rows`` (n, r) the global numbers of unknowns and equations, ``steps`` (n, k) those of the divided
+    differences.
     """
 
     function: Callable[[Array], Array]
@@ -73,7 +75,27 @@ def solve(
     out. Raises ``ConvergenceError`` after ``max_iterations`` corrections, for a singular Jacobian, if no step is short
     enough, or if the start has a triangle inside out.
     """
-    state = _impose(system.rows, start) if start else system.rows.prescribed
+    return _newton(system, start or system.rows.prescribed, method, tolerance, max_iterations)
+
+
+def solve_step(
+    system: System,
+    old: RawState,
+    step: Step,
+    method: Method = "complex-step",
+    tolerance: float = 1e-10,
+    max_iterations: int = 15,
+    start: RawState | None = None,
+) -> Solution:
+    """Solve one time step from the state ``old``; the first guess is ``start``, or else ``old``.
+
+    ``system`` may be the steady one or that of any other step. Raises ``ConvergenceError`` as ``solve`` does.
+    """
+    return _newton(system.stepping(old, step), start or old, method, tolerance, max_iterations)
+
+
+def _newton(system: System, start: RawState, method: Method, tolerance: float, max_iterations: int) -> Solution:
+    state = _impose(system, start)
     residual = compute_residual(system, state)
     if not residual.min_jacobian > 0.0:
         raise ConvergenceError(f"{system.problem.name}: the start turns a triangle inside out")
@@ -103,7 +125,7 @@ def jacobian(system: System, state: RawState, method: Method) -> csc_array:
         columns.append(np.broadcast_to(group.columns[:, None, :], shape).ravel())
         values.append(matrices.ravel())
     entries = (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns)))
-    equations = coo_array(entries, shape=(size, size)).tocsr()
+    equations = coo_array(entries, shape=(size + 2 * system.mesh.n_p2, size)).tocsr()
     identity = diags_array(given.astype(float))
     result: csc_array = (diags_array((~given).astype(float)) @ equations[source] + identity).tocsc()
     return result
@@ -112,42 +134,53 @@ def jacobian(system: System, state: RawState, method: Method) -> csc_array:
 def residual_vector(system: System, state: RawState, residual: Residual) -> Floats:
     """Residual of every unknown's row, (N,) with N = 4 n2 + nv + number of mixed solids nv, in the order u, v, p, ps.
 
-    The rows of u hold the mesh motion in the fluid and the momentum in solids; those of v the momentum in the fluid and
-    the kinematics in solids; those of p the continuity, those of ps the volume of mixed solids. A prescribed unknown's
-    row is its deviation.
+    The rows of u hold the mesh motion in the fluid and, in solids, the momentum of the steady system or the kinematics
+    of a time step; those of v the momentum in the fluid and, in solids, the steady kinematics v = 0 or the momentum of
+    the step; those of p the continuity, those of ps the volume of mixed solids. A prescribed unknown's row is its
+    deviation.
     """
     names = {"mesh_motion": state.u.size, "momentum": state.v.size, "continuity": state.p.size}
     names["incompressibility"] = state.ps.size
     found = residual.equations
-    equations = np.concatenate(
-        [found[name].residual.ravel() if name in found else np.zeros(size) for name, size in names.items()]
-    )
+    equations = [found[name].residual.ravel() if name in found else np.zeros(size) for name, size in names.items()]
+    nodes = np.arange(system.mesh.n_p2)
+    equations.append(momentum.kinematics(system, nodes, state.u, state.v).ravel())
     source, given = _row_sources(system)
-    # The prescribed v is zero in solids, so the kinematics v = 0 is a deviation like the boundary conditions.
-    return np.where(given, _flat(state) - _flat(system.rows.prescribed), equations[source])
+    # The prescribed v is zero in steady solids: there the kinematics is a deviation like the boundary conditions.
+    return np.where(given, _flat(state) - _flat(system.rows.prescribed), np.concatenate(equations)[source])
 
 
-def _impose(rows: Rows, state: RawState) -> RawState:
-    """Replace the values of ``state`` where others are prescribed; velocities in solids are zero too."""
-    v_given = rows.v_given | rows.kinematics
+def _impose(system: System, state: RawState) -> RawState:
+    """Replace the values of ``state`` where others are prescribed."""
+    rows = system.rows
     return RawState(
         u=np.where(rows.u_given[:, None], rows.prescribed.u, state.u),
-        v=np.where(v_given[:, None], rows.prescribed.v, state.v),
+        v=np.where(_v_given(system)[:, None], rows.prescribed.v, state.v),
         p=np.where(rows.p_given, rows.prescribed.p, state.p),
         ps=np.where(rows.ps_given, rows.prescribed.ps, state.ps),
     )
 
 
+def _v_given(system: System) -> Mask:
+    """Nodes (n2,) whose velocity is known: velocities in steady solids are zero."""
+    rows = system.rows
+    return rows.v_given | rows.kinematics if system.increment is None else rows.v_given
+
+
 def _row_sources(system: System) -> tuple[Ints, Mask]:
     """Return the number of every unknown's equation, and whether it has a value instead; both (N,).
 
-    Equations are numbered like the unknowns: mesh motion, momentum, continuity, volume in the order of u, v, p, ps.
+    Equations are numbered like the unknowns: mesh motion, momentum, continuity, volume in the order of u, v, p, ps;
+    the kinematics of all nodes follow them.
     """
     rows, n2 = system.rows, system.mesh.n_p2
-    source = np.arange(4 * n2 + rows.p_given.size + rows.ps_given.size)
-    solid_u = np.repeat(rows.momentum & ~rows.u_given & ~rows.mesh_motion, 2)
-    source[: 2 * n2][solid_u] += 2 * n2
-    given = [np.repeat(rows.u_given, 2), np.repeat(rows.v_given | rows.kinematics, 2), rows.p_given]
+    size = 4 * n2 + rows.p_given.size + rows.ps_given.size
+    source = np.arange(size)
+    if system.increment is None:
+        source[: 2 * n2][np.repeat(rows.momentum & ~rows.u_given & ~rows.mesh_motion, 2)] += 2 * n2
+    else:
+        source[: 2 * n2][np.repeat(rows.kinematics, 2)] += size
+    given = [np.repeat(rows.u_given, 2), np.repeat(_v_given(system), 2), rows.p_given]
     return source, np.concatenate([*given, rows.ps_given.ravel()])
 
 
@@ -158,6 +191,8 @@ def _groups(system: System, state: RawState) -> Iterator[_Group]:
             yield _outlet_group(system, system.fluid, state)
     for solid in system.solids.values():
         yield _solid_group(system, solid, state)
+    if system.increment is not None and system.solids:
+        yield _kinematics_group(system, state)
 
 
 def _fluid_group(system: System, fluid: FluidPart, state: RawState) -> _Group:
@@ -168,12 +203,12 @@ def _fluid_group(system: System, fluid: FluidPart, state: RawState) -> _Group:
     def function(local: Array) -> Array:
         u, v, p = local[:, :12].reshape(n, 6, 2), local[:, 12:24].reshape(n, 6, 2), local[:, 24:]
         flow = terms.Flow.at_points(elements, u, v, p)
-        momentum = _total(terms.fluid_momentum(fluid.law, system.problem.gravity, elements, flow))
+        balance = _total(momentum.fluid_momentum(system, fluid, u, v, flow))
         mass = _total(terms.continuity(elements, flow))
         motion = np.zeros((n, 6, 2))
         if fluid.motion is not None:
             motion = _total(terms.mesh_motion(fluid.motion, fluid.alpha, elements, u))
-        return np.hstack([motion.reshape(n, 12), momentum.reshape(n, 12), mass])
+        return np.hstack([motion.reshape(n, 12), balance.reshape(n, 12), mass])
 
     u_numbers = _numbers(elements.nodes)
     numbers = np.hstack([u_numbers, 2 * n2 + u_numbers, 4 * n2 + elements.vertices])
@@ -190,14 +225,14 @@ def _outlet_group(system: System, fluid: FluidPart, state: RawState) -> _Group:
     numbers = 2 * len(state.u) + _numbers(nodes)
 
     def function(local: Array) -> Array:
-        return terms.outlet(fluid.law.viscosity, local.reshape(len(local), 3, 2)).reshape(len(local), 6)
+        return momentum.outlet(system, fluid, nodes, local.reshape(len(local), 3, 2)).reshape(len(local), 6)
 
     steps = np.full(numbers.shape, np.abs(state.v).max() or 1.0)
     return _Group(function, _flat(state)[numbers], numbers, numbers, steps)
 
 
 def _solid_group(system: System, solid: SolidPart, state: RawState) -> _Group:
-    """Solid triangles: 12 momentum rows, numbered like v, by 12 displacements; if mixed, 3 volume rows by pressures."""
+    """Solid triangles: 12 momentum rows, numbered like v, by 12 u and 12 v; if mixed, 3 volume rows by pressures."""
     elements, n2 = solid.elements, len(state.u)
     n = len(elements)
     numbers = _numbers(elements.nodes)
@@ -206,15 +241,31 @@ def _solid_group(system: System, solid: SolidPart, state: RawState) -> _Group:
         pressures = 4 * n2 + (1 + solid.pressure) * len(state.p) + elements.vertices
 
     def function(local: Array) -> Array:
-        u, p = local[:, :12].reshape(n, 6, 2), local[:, 12:]
-        momentum = _total(terms.solid_momentum(solid.law, system.problem.gravity, elements, u, p)).reshape(n, 12)
+        u, v, p = local[:, :12].reshape(n, 6, 2), local[:, 12:24].reshape(n, 6, 2), local[:, 24:]
+        balance = _total(momentum.solid_momentum(system, solid, u, v, p)).reshape(n, 12)
         volume = terms.incompressibility(solid.law, elements, u, p)
-        return np.hstack([momentum, _total(volume)]) if volume else momentum
+        return np.hstack([balance, _total(volume)]) if volume else balance
 
-    steps = np.empty((n, 12 + pressures.shape[1]))
+    steps = np.empty((n, 24 + pressures.shape[1]))
     steps[:, :12] = _CUBE_ROOT * np.sqrt(elements.area)[:, None]
-    steps[:, 12:] = np.abs(state.ps).max(initial=0.0) or 1.0  # of degree 1 in the pressure: any step is exact
-    columns, rows = np.hstack([numbers, pressures]), np.hstack([2 * n2 + numbers, pressures])
+    # Of degree 1 in v and in the pressure: any step is exact.
+    steps[:, 12:24] = np.abs(state.v).max() or 1.0
+    steps[:, 24:] = np.abs(state.ps).max(initial=0.0) or 1.0
+    columns, rows = np.hstack([numbers, 2 * n2 + numbers, pressures]), np.hstack([2 * n2 + numbers, pressures])
+    return _Group(function, _flat(state)[columns], columns, rows, steps)
+
+
+def _kinematics_group(system: System, state: RawState) -> _Group:
+    """Nodes in solids: 2 rows of kinematics by 2 u and 2 v."""
+    nodes, n2 = np.flatnonzero(system.rows.kinematics), len(state.u)
+    numbers = _numbers(nodes[:, None])
+
+    def function(local: Array) -> Array:
+        return momentum.kinematics(system, nodes, local[:, :2], local[:, 2:])
+
+    columns = np.hstack([numbers, 2 * n2 + numbers])
+    steps = np.ones(columns.shape)  # linear: any step is exact
+    rows = 4 * n2 + state.p.size + state.ps.size + numbers
     return _Group(function, _flat(state)[columns], columns, rows, steps)
 
 

@@ -1,6 +1,6 @@
 """A problem on its mesh: mapped triangles per region, boundary sides, rows and prescribed values."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,17 +9,18 @@ from scipy.spatial import cKDTree
 from ffsi.rawfiles import Floats, Ints, RawMesh, RawState
 from ffsi.reference.elements import Elements
 from ffsi.reference.problem import FLUID_REGION, Boundary, Fluid, MeshMotion, Problem, Solid
+from ffsi.reference.step import Increment, Step
 
 Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
 class Sides:
-    """Sides of fluid triangles on the boundary of the fluid.
+    """Sides of a region's triangles on the boundary of the region.
 
-    ``element`` (n,) number of the fluid triangle, ``side`` (n,) its local side 0..2, ``nodes`` (n, 3) the P2 nodes at
-    the start, the end and the middle, ``label`` (n,) the edge's label or 0, ``tangent`` (n, 2) metres from start to
-    end, with the fluid on its left.
+    ``element`` (n,) number of the triangle in its region, ``side`` (n,) its local side 0..2, ``nodes`` (n, 3) the P2
+    nodes at the start, the end and the middle, ``label`` (n,) the edge's label or 0, ``tangent`` (n, 2) metres from
+    start to end, with the region on its left.
     """
 
     element: Ints
@@ -30,7 +31,7 @@ class Sides:
 
     @property
     def normal(self) -> Floats:
-        """Normals outward from the fluid with the length of the side, (n, 2) metres."""
+        """Normals outward from the region with the length of the side, (n, 2) metres."""
         return np.column_stack([self.tangent[:, 1], -self.tangent[:, 0]])
 
     def select(self, which: Mask) -> "Sides":
@@ -82,9 +83,10 @@ class SolidPart:
 
 @dataclass(frozen=True)
 class System:
-    """The discrete system of docs/discretisation.md on one mesh.
+    """The discrete system of docs/discretisation.md on one mesh: the steady one, or that of one time step.
 
-    ``solids`` by region number; ``rows`` the equations and conditions per node.
+    ``solids`` by region number; ``rows`` the equations and conditions per node; ``increment`` the time step and the
+    state that it starts from, None for the steady system.
     """
 
     problem: Problem
@@ -92,10 +94,11 @@ class System:
     fluid: FluidPart | None
     solids: dict[int, SolidPart]
     rows: Rows
+    increment: Increment | None = None
 
     @classmethod
     def build(cls, problem: Problem, mesh: RawMesh) -> "System":
-        """Prepare ``problem`` on ``mesh``.
+        """Prepare the steady ``problem`` on ``mesh``.
 
         Raises ``ValueError`` if regions or labels of the mesh do not fit the problem or a triangle is degenerate.
         """
@@ -105,7 +108,12 @@ class System:
         _check_labels(problem, mesh)
         fluid = _fluid_part(problem.fluid, problem, mesh) if problem.fluid else None
         solids = {region: _solid_part(problem, mesh, region) for region in problem.solids}
-        return cls(problem, mesh, fluid, solids, _rows(problem, mesh, fluid, solids))
+        return cls(problem, mesh, fluid, solids, _rows(problem, mesh, fluid, solids, None))
+
+    def stepping(self, old: RawState, step: Step) -> "System":
+        """Return the system of one time step from the state ``old``."""
+        rows = _rows(self.problem, self.mesh, self.fluid, self.solids, step.time)
+        return replace(self, rows=rows, increment=Increment(old, step))
 
 
 def _elements(mesh: RawMesh, region: int) -> Elements:
@@ -137,7 +145,7 @@ def _fluid_part(law: Fluid, problem: Problem, mesh: RawMesh) -> FluidPart:
     elements = _elements(mesh, FLUID_REGION)
     motion = problem.mesh_motion if problem.solids else None
     alpha = _mesh_stiffness(motion, problem, mesh, elements) if motion else np.ones(len(elements))
-    return FluidPart(law, elements, _fluid_sides(mesh), motion, alpha)
+    return FluidPart(law, elements, outline(mesh, FLUID_REGION), motion, alpha)
 
 
 def _mesh_stiffness(motion: MeshMotion, problem: Problem, mesh: RawMesh, elements: Elements) -> Floats:
@@ -160,9 +168,9 @@ def _solid_part(problem: Problem, mesh: RawMesh, region: int) -> SolidPart:
     )
 
 
-def _fluid_sides(mesh: RawMesh) -> Sides:
-    """Find the sides that belong to exactly one fluid triangle."""
-    inside = mesh.region == FLUID_REGION
+def outline(mesh: RawMesh, region: int) -> Sides:
+    """Find the sides that belong to exactly one triangle of a region."""
+    inside = mesh.region == region
     keys, p2 = mesh.sides[inside], mesh.p2[inside]
     _, first, count = np.unique(keys, return_index=True, return_counts=True)
     element, side = np.divmod(first[count == 1], 3)
@@ -193,34 +201,38 @@ def _mask(size: int, numbers: Ints) -> Mask:
     return mask
 
 
-def _rows(problem: Problem, mesh: RawMesh, fluid: FluidPart | None, solids: dict[int, SolidPart]) -> Rows:
+def _rows(
+    problem: Problem, mesh: RawMesh, fluid: FluidPart | None, solids: dict[int, SolidPart], time: float | None
+) -> Rows:
+    """Return the rows at a time, or of the steady system (None), where v is no unknown of a solid alone."""
     inside = mesh.region == FLUID_REGION
     in_fluid, in_solid = _mask(mesh.n_p2, mesh.p2[inside]), _mask(mesh.n_p2, mesh.p2[~inside])
     wet = _mask(len(mesh.vertices), mesh.triangles[inside])
-    held_u, held_v, prescribed = _conditions(problem, mesh)
+    held_u, held_v, prescribed = _conditions(problem, mesh, time)
     if (wrong := in_solid & held_u & ~held_v).any():
         at = mesh.p2_coordinates[np.flatnonzero(wrong)[0]]
         raise ValueError(f"{problem.name}: the outlet fixes u but not v of the solid at {at.tolist()}")
     none = np.zeros_like(in_solid)
+    moving = fluid is not None or time is not None
     nv = len(mesh.vertices)
     pressed = [_mask(nv, mesh.triangles[mesh.region == region]) for region in problem.mixed_regions]
     incompressibility = np.array(pressed, dtype=np.bool_).reshape(-1, nv)
     return Rows(
         momentum=~held_v,
         continuity=wet,
-        kinematics=in_solid & ~held_v if fluid else none,
+        kinematics=in_solid & ~held_v if moving else none,
         mesh_motion=in_fluid & ~in_solid & ~held_u if solids else none,
         incompressibility=incompressibility,
         u_given=held_u if solids else np.ones_like(held_u),
-        v_given=held_v if fluid else np.ones_like(held_v),
+        v_given=held_v if moving else np.ones_like(held_v),
         p_given=~wet,
         ps_given=~incompressibility,
         prescribed=prescribed,
     )
 
 
-def _conditions(problem: Problem, mesh: RawMesh) -> tuple[Mask, Mask, RawState]:
-    """Nodes whose u, and whose v, a boundary prescribes, and the values; zero elsewhere.
+def _conditions(problem: Problem, mesh: RawMesh, time: float | None) -> tuple[Mask, Mask, RawState]:
+    """Nodes whose u, and whose v, a boundary prescribes, and the values at a time (None: steady); zero elsewhere.
 
     A no-slip or clamped boundary wins over an inlet at a common node; the profile is zero there anyhow.
     """
@@ -235,9 +247,15 @@ def _conditions(problem: Problem, mesh: RawMesh) -> tuple[Mask, Mask, RawState]:
             held_v[nodes] = True
             v[nodes] = 0.0
         if boundary.role == "inlet" and problem.inflow_profile is not None:
-            v[nodes, 0] = problem.inflow_profile(mesh.p2_coordinates[nodes.ravel(), 1]).reshape(nodes.shape)
+            factor = 1.0 if time is None or problem.inflow_factor is None else problem.inflow_factor(time)
+            v[nodes, 0] = factor * problem.inflow_profile(mesh.p2_coordinates[nodes.ravel(), 1]).reshape(nodes.shape)
         if boundary.role == "no-slip" and boundary.circle is not None:
             u[nodes[:, 2]] = _onto_circle(boundary, mesh.p2_coordinates[nodes])
+    if (exact := problem.manufactured) is not None:
+        # A fluid alone has no equation for u: it has the value everywhere.
+        where = held_u if problem.solids else np.ones_like(held_u)
+        u[where] = exact.displacement(mesh.p2_coordinates[where], time or 0.0)
+        v[held_v] = exact.velocity(mesh.p2_coordinates[held_v], time or 0.0)
     nv = len(mesh.vertices)
     return held_u, held_v, RawState(u, v, np.zeros(nv), np.zeros((len(problem.mixed_regions), nv)))
 

@@ -22,6 +22,7 @@ from ffsi.reference.materials import (
     transpose,
 )
 from ffsi.reference.problem import Fluid, MeshMotion, Solid
+from ffsi.reference.step import Step
 
 Vector = tuple[float, float]
 
@@ -46,6 +47,14 @@ def against_value(density: Array, elements: Elements) -> Array:
     """Integrals of density . w for every P2 test function, (n, 7, 2) to (n, 6, 2)."""
     result: Array = elements.basis.T @ (density * elements.weights[:, :, None])
     return result
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Displacement ``u``, metres, and velocity ``v``, metres per second, at nodes, of one shape (..., 2)."""
+
+    u: Array
+    v: Array
 
 
 @dataclass(frozen=True)
@@ -96,6 +105,28 @@ def fluid_momentum(fluid: Fluid, gravity: Vector, elements: Elements, flow: Flow
     }
 
 
+def fluid_step(
+    fluid: Fluid, gravity: Vector, elements: Elements, step: Step, new: Flow, old: Flow, mesh_velocity: Array
+) -> dict[str, Array]:
+    """Terms of the fluid's momentum in a time step, (n, 6, 2): those of ``fluid_momentum`` and the inertia.
+
+    ``new`` and ``old`` are the flows at both ends of the step, ``mesh_velocity`` (n, 7, 2) metres per second that of
+    the mesh in between. The convection is by the velocity relative to the mesh; the pressure is the new one only.
+    """
+    jacobian = step.mean(new.jacobian, old.jacobian)[..., None]
+    convection = step.mean(
+        *(np.einsum("tqij,tqj->tqi", flow.transport, flow.velocity - mesh_velocity) for flow in (new, old))
+    )
+    viscosity = step.mean(*(against_gradient(flow.viscous_flux(fluid.viscosity), elements) for flow in (new, old)))
+    return {
+        "inertia": against_value(fluid.density * jacobian * step.rate(new.velocity, old.velocity), elements),
+        "convection": against_value(fluid.density * convection, elements),
+        "pressure": against_gradient(new.pressure_flux, elements),
+        "viscosity": viscosity,
+        "gravity": against_value(-fluid.density * jacobian * np.array(gravity), elements),
+    }
+
+
 def continuity(elements: Elements, flow: Flow) -> dict[str, Array]:
     """The two parts of the mass balance tr G, (n, 3) square metres per second."""
     weighted = flow.transport * elements.weights[:, :, None, None]
@@ -138,6 +169,27 @@ def solid_momentum(solid: Solid, gravity: Vector, elements: Elements, u: Array, 
         fluxes = {"stress": material.base_stress(gradient), "pressure": pressure}
     result = {name: against_gradient(flux, elements) for name, flux in fluxes.items()}
     return result | {"gravity": against_value(weight, elements)}
+
+
+def solid_step(
+    solid: Solid, gravity: Vector, elements: Elements, step: Step, new: Motion, old: Motion, p: Array
+) -> dict[str, Array]:
+    """Terms of a solid's momentum in a time step, (n, 6, 2): those of ``solid_momentum`` and the inertia.
+
+    ``p`` (n, 3) is the new pressure of a mixed solid: its term is implicit, the stress is the mean of both ends.
+    """
+    now, before = (solid_momentum(solid, gravity, elements, motion.u, p) for motion in (new, old))
+    acceleration = elements.basis @ step.rate(new.v, old.v)
+    return now | {
+        "stress": step.mean(now["stress"], before["stress"]),
+        "inertia": against_value(solid.density * acceleration, elements),
+    }
+
+
+def kinematics(step: Step, new: Motion, old: Motion) -> Array:
+    """What is left of the velocity in a solid, du/dt - v in a time step, at nodes; (n, 2) metres per second."""
+    result: Array = step.rate(new.u, old.u) - step.mean(new.v, old.v)
+    return result
 
 
 def incompressibility(solid: Solid, elements: Elements, u: Array, p: Array) -> dict[str, Array]:

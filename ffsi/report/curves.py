@@ -1,4 +1,4 @@
-"""Curves: quantities over a sweep's parameter, and Newton's history."""
+"""Curves: quantities over a sweep's parameter or over time, and Newton's history."""
 
 from __future__ import annotations
 
@@ -44,6 +44,16 @@ PANELS: tuple[Panel, ...] = (
         {"min_jacobian_fluid": "fluid mesh", "min_jacobian_solid": "solid", "min_jacobian": "all"},
     ),
 )
+# Over time: title, axis label, column.
+TIME_PANELS = (
+    ("Drag", "force per depth (N/m)", "drag"),
+    ("Lift", "force per depth (N/m)", "lift"),
+    ("Tip displacement $u_x$", "displacement (m)", "tip_ux"),
+    ("Tip displacement $u_y$", "displacement (m)", "tip_uy"),
+    ("Smallest J = det F", "min J", "min_jacobian"),
+)
+ZOOMED = 2
+"""Periods in the enlarged part of a history."""
 
 
 def sweep_curves(table: pd.DataFrame, keys: Sequence[str]) -> Figure | None:
@@ -95,6 +105,40 @@ def compare_sweeps(tables: Mapping[str, pd.DataFrame], along: str, panels: Seque
             fontsize=9, labelcolor=INK,
         )  # fmt: skip
     return figure
+
+
+def time_history(history: pd.DataFrame, period: tuple[float, float] | None = None) -> Figure | None:
+    """Draw drag, lift and tip displacement over time, and beside each the end of it enlarged.
+
+    Args:
+        history: one row per step: `time` (s) and the quantities in SI.
+        period: start and end of the last period, s; None: there is none, and nothing is enlarged.
+
+    Returns:
+        The figure, or None if there is nothing to draw.
+    """
+    panels = [panel for panel in TIME_PANELS if panel[2] in history]
+    if not panels or len(history) < 2:
+        return None
+    figure = Figure(figsize=(11, 2.5 * len(panels)), layout="constrained", facecolor="white")
+    widths = [2.2, 1.0] if period else [1.0]
+    grid = figure.subplots(len(panels), len(widths), squeeze=False, sharex="col", width_ratios=widths)
+    for number, (row, (title, label, column)) in enumerate(zip(grid, panels, strict=True), start=1):
+        for axes, part in zip(row, (history, _end(history, period)), strict=False):
+            axes.plot(part["time"], part[column], color=LINES[0], linewidth=1.1)
+            if period:
+                axes.axvspan(*period, color=FAINT, alpha=0.15, linewidth=0)
+            axes.ticklabel_format(axis="y", scilimits=(-4, 5), useMathText=True)
+            _dress(axes, title if axes is row[0] else "", "time (s)" if number == len(panels) else "", label)
+    return figure
+
+
+def _end(history: pd.DataFrame, period: tuple[float, float] | None) -> pd.DataFrame:
+    """Return the last periods and what comes after them."""
+    if period is None:
+        return history
+    start, end = period
+    return history[history["time"] >= end - ZOOMED * (end - start)]
 
 
 def newton_history(history: pd.DataFrame) -> Figure | None:

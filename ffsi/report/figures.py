@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import io
 import logging
+from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -33,21 +35,76 @@ STEPS = [1, 2, 2.5, 5, 10]  # of the numbers on axes and colour bars
 _EDGES = np.array([[0, 3, 1], [1, 4, 2], [2, 5, 0]])  # of a quadratic triangle in VTK's order
 
 
+@dataclass(frozen=True)
+class Scale:
+    """What several pictures of one field have in common: its range (SI) and the window, lower left and upper right."""
+
+    low: float
+    high: float
+    window: tuple[FloatArray, FloatArray]
+
+
 def available(fields: Fields) -> list[str]:
     """Return the pictures that make sense for these fields, the most telling first."""
     names = ["velocity", "pressure"] if fields.has_fluid else []
     return [*names, "displacement"] if fields.has_solid else names
 
 
-def draw(name: str, fields: Fields, title: str = "") -> Figure:
+def draw(name: str, fields: Fields, title: str = "", scale: Scale | None = None) -> Figure:
     """Draw `velocity`, `pressure` or `displacement` on the deformed mesh.
+
+    Args:
+        name: of the picture.
+        fields: what to draw.
+        title: heading.
+        scale: range and window, for pictures to be compared; None: those of these fields.
 
     Raises:
         ValueError: these fields have no such picture.
     """
+    _refuse_unknown(name, fields)
+    return {"velocity": velocity, "pressure": pressure, "displacement": displacement}[name](fields, title, scale)
+
+
+def common_scale(name: str, states: Iterable[Fields]) -> Scale:
+    """Return the range and the window that fit one kind of picture of all states.
+
+    Raises:
+        ValueError: there is no state, or no such picture of one.
+    """
+    lows, highs, lower, upper = [], [], [], []
+    for fields in states:
+        _refuse_unknown(name, fields)
+        low, high = _range(name, fields)
+        start, end = _window(name, fields)
+        lows.append(low)
+        highs.append(high)
+        lower.append(start)
+        upper.append(end)
+    if not lows:
+        raise ValueError("no state to draw")
+    return Scale(min(lows), max(highs), (np.min(lower, axis=0), np.max(upper, axis=0)))
+
+
+def _refuse_unknown(name: str, fields: Fields) -> None:
     if name not in available(fields):
         raise ValueError(f"no picture {name!r} of these fields; there is {', '.join(available(fields))}")
-    return {"velocity": velocity, "pressure": pressure, "displacement": displacement}[name](fields, title)
+
+
+def _range(name: str, fields: Fields) -> tuple[float, float]:
+    """Return the range of the colours in SI."""
+    wet = fields.region == FLUID
+    if name == "pressure":
+        low, high = np.percentile(fields.pressure[np.unique(fields.cells[wet])], [0.3, 99.7])
+        return float(low), float(high)
+    vectors, shown = (fields.velocity, wet) if name == "velocity" else (fields.displacement, ~wet)
+    return 0.0, float(np.hypot(*vectors[np.unique(fields.cells[shown])].T).max())
+
+
+def _window(name: str, fields: Fields) -> tuple[FloatArray, FloatArray]:
+    if name == "displacement":
+        return _around(fields, fields.region != FLUID)
+    return fields.deformed.min(axis=0), fields.deformed.max(axis=0)
 
 
 def to_png(figure: Figure, dpi: int = 150) -> bytes:
@@ -82,25 +139,26 @@ def _with_palette(png: bytes) -> bytes:
     return buffer.getvalue()
 
 
-def velocity(fields: Fields, title: str = "") -> Figure:
+def velocity(fields: Fields, title: str = "", scale: Scale | None = None) -> Figure:
     """Velocity magnitude in m/s with arrows; solids in a neutral colour."""
-    figure, axes = _canvas(fields, title)
+    figure, axes = _canvas(title, scale.window if scale else _window("velocity", fields))
     speed = np.hypot(*fields.velocity.T)
     triangulation = _triangulation(fields, fields.region == FLUID)
-    top = float(speed[triangulation.triangles].max()) or 1.0
+    top = (scale.high if scale else _range("velocity", fields)[1]) or 1.0
     colours = axes.tripcolor(triangulation, speed, shading="gouraud", cmap="viridis", vmin=0, vmax=top, rasterized=True)
-    _arrows(axes, triangulation, fields.velocity)
+    _arrows(axes, triangulation, fields.velocity, scale.high if scale else None)
     _solids(axes, fields)
     _colour_bar(figure, axes, colours, "velocity magnitude (m/s)")
     return figure
 
 
-def pressure(fields: Fields, title: str = "") -> Figure:
+def pressure(fields: Fields, title: str = "", scale: Scale | None = None) -> Figure:
     """Pressure contours in Pa; the few extreme values at sharp corners are cut off and marked on the colour bar."""
-    figure, axes = _canvas(fields, title)
+    figure, axes = _canvas(title, scale.window if scale else _window("pressure", fields))
     triangulation = _triangulation(fields, fields.region == FLUID)
     values = fields.pressure
-    levels, palette = _pressure_levels(values[np.unique(triangulation.triangles)])
+    shown = np.array([scale.low, scale.high]) if scale else values[np.unique(triangulation.triangles)]
+    levels, palette = _pressure_levels(shown)
     colours = axes.tricontourf(triangulation, values, levels=levels, cmap=palette, extend="both")
     axes.tricontour(triangulation, values, levels=levels, colors=INK, linewidths=0.35, linestyles="solid", alpha=0.55)
     _solids(axes, fields)
@@ -108,13 +166,13 @@ def pressure(fields: Fields, title: str = "") -> Figure:
     return figure
 
 
-def displacement(fields: Fields, title: str = "") -> Figure:
+def displacement(fields: Fields, title: str = "", scale: Scale | None = None) -> Figure:
     """Displacement magnitude of the solids in m with the deformed mesh around them; dashed: before the deformation."""
     solid = fields.region != FLUID
-    figure, axes = _canvas(fields, title, _around(fields, solid))
+    figure, axes = _canvas(title, scale.window if scale else _window("displacement", fields))
     size = np.hypot(*fields.displacement.T)
     triangulation = _triangulation(fields, solid)
-    top = float(size[triangulation.triangles].max()) or 1.0
+    top = (scale.high if scale else _range("displacement", fields)[1]) or 1.0
     colours = axes.tripcolor(triangulation, size, shading="gouraud", cmap="YlGnBu", vmin=0, vmax=top, rasterized=True)
     width = float(np.clip(20.0 / np.sqrt(len(fields.cells)), 0.15, 0.5))
     axes.add_collection(LineCollection(_mesh_lines(fields, ~solid), colors=INK, linewidths=width, alpha=0.35))
@@ -139,8 +197,8 @@ def _around(fields: Fields, selected: NDArray[np.bool_]) -> tuple[FloatArray, Fl
     return np.maximum(low - margin, fields.deformed.min(axis=0)), np.minimum(high + margin, fields.deformed.max(axis=0))
 
 
-def _canvas(fields: Fields, title: str, window: tuple[FloatArray, FloatArray] | None = None) -> tuple[Figure, Axes]:
-    low, high = window or (fields.deformed.min(axis=0), fields.deformed.max(axis=0))
+def _canvas(title: str, window: tuple[FloatArray, FloatArray]) -> tuple[Figure, Axes]:
+    low, high = window
     length, height = np.maximum(high - low, 1e-12)
     margin = 0.012 * max(length, height)
     ratio = float(height / length)
@@ -189,7 +247,7 @@ def _triangulation(fields: Fields, selected: NDArray[np.bool_]) -> Triangulation
     return Triangulation(x, y, fields.linear_triangles(selected))
 
 
-def _arrows(axes: Axes, triangulation: Triangulation, vectors: FloatArray) -> None:
+def _arrows(axes: Axes, triangulation: Triangulation, vectors: FloatArray, longest: float | None) -> None:
     used = np.unique(triangulation.triangles)
     x, y = triangulation.x[used], triangulation.y[used]
     length, height = float(np.ptp(x)), float(np.ptp(y))
@@ -207,7 +265,7 @@ def _arrows(axes: Axes, triangulation: Triangulation, vectors: FloatArray) -> No
         logger.warning("the deformed mesh overlaps itself: the picture has no arrows")
         return
     speed = np.hypot(along, across)
-    top = np.nanmax(speed, initial=0.0)
+    top = np.nanmax(speed, initial=0.0) if longest is None else longest
     keep = np.isfinite(speed) & (speed > 0.02 * top)
     if top == 0 or not keep.any():
         return

@@ -19,7 +19,9 @@ from ffsi.folder import InputError
 from ffsi.references import references_for
 from ffsi.render import package_version
 from ffsi.report import curves, figures, formulas
-from ffsi.result import Result, flatten, load_result, load_results, unit
+from ffsi.result import Result, flatten, load_result, load_results, published_value, unit
+from ffsi.show import time_line
+from ffsi.unsteady import last_period, with_coefficients
 
 CAPTIONS = {
     "velocity": "Velocity magnitude and direction on the deformed mesh; grey: solid. "
@@ -119,9 +121,27 @@ def _run(result: Result) -> Section:
     )
     if result.state_file is not None:
         section.pictures = [_image(result.picture(name), CAPTIONS[name]) for name in figures.available(result.fields)]
-    if (result.directory / folder.HISTORY).is_file() and (history := curves.newton_history(result.history)) is not None:
+    if result.scene.time is not None:
+        section.curves = _in_time(result)
+        section.quantities_title = f"Quantities {result.shown_quantities[0]}"
+    elif (result.directory / folder.HISTORY).is_file() and (
+        history := curves.newton_history(result.history)
+    ) is not None:
         section.newton = [_image(history, _newton_text(data))]
     return section
+
+
+def _in_time(result: Result) -> list[dict[str, str]]:
+    try:
+        history = with_coefficients(result.scene, result.history)
+    except InputError:
+        return []
+    period = last_period(history)
+    figure = curves.time_history(history, (period.start, period.end) if period else None)
+    if figure is None:
+        return []
+    words = f"; on the right the last {curves.ZOOMED} periods, grey: the last one" if period else ""
+    return [_image(figure, f"Over time: {time_line(result.data['time'])}{words}.")]
 
 
 def _sweep(directory: Path) -> Section:
@@ -143,13 +163,12 @@ def _sweep(directory: Path) -> Section:
         "; ".join(dict.fromkeys(str(text) for text in table["reason"].dropna() if text)),
     )
     section.points = _points(table, keys)
-    section.quantities_title = "Quantities of the point in the pictures: " + ", ".join(
+    section.quantities_title += " of the point in the pictures: " + ", ".join(
         f"{key} = {value:g}" for key, value in last.data["varied"].items()
     )
     figure = curves.sweep_curves(table, keys)
-    section.curves = (
-        [_image(figure, "Over the sweep; every marker is one computed point.")] if figure is not None else []
-    )
+    if figure is not None:
+        section.curves = [_image(figure, "Over the sweep; every marker is one computed point."), *section.curves]
     return section
 
 
@@ -176,10 +195,10 @@ def _points(table: pd.DataFrame, keys: Sequence[str]) -> Rows:
 
 
 def _quantities(result: Result) -> Rows | None:
-    values = flatten(result.quantities)
+    when, values = result.shown_quantities
     if not values:
         return None
-    published = references_for(result.scene)
+    published = {} if when.startswith("at") else references_for(result.scene)
     head, numeric = ["quantity", "value", "unit"], [False, True, False]
     if published:
         head, numeric = [*head, "published", "error", "source"], [*numeric, True, True, False]
@@ -187,9 +206,9 @@ def _quantities(result: Result) -> Rows | None:
     for name, value in values.items():
         cells = [name, f"{value:.8g}", unit(name)]
         if published:
-            reference = published.get(name.removesuffix("_mean"))
-            cells += ["", "", ""] if reference is None else [
-                f"{reference.mean:.8g}", f"{100 * reference.relative_error(value):+.3f} %", reference.source,
+            found = published_value(name, published)
+            cells += ["", "", ""] if found is None else [
+                f"{found[0]:.8g}", f"{100 * (value - found[0]) / abs(found[0]):+.3f} %", found[1].source,
             ]  # fmt: skip
         body.append(cells)
     return Rows(head, body, numeric)

@@ -1,7 +1,7 @@
 """What a scene is: models with units, TOML in and out, the catalogue, boundaries and their roles."""
 
 from ffsi.scene.boundaries import Boundary, Role, boundaries
-from ffsi.scene.catalogue import CASES
+from ffsi.scene.catalogue import CASES, STEADY_CASES
 from ffsi.scene.errors import Problem, SceneError
 from ffsi.scene.expressions import Expression, ExpressionError
 from ffsi.scene.files import load_scene
@@ -23,10 +23,12 @@ from ffsi.scene.materials import Fluid, MooneyRivlin, NeoHookean, Solid, StVenan
 from ffsi.scene.model import Scene
 from ffsi.scene.numerics import Mesh, MeshMotion, Output, Solver
 from ffsi.scene.overrides import parse_overrides, with_values
+from ffsi.scene.time import Time
 from ffsi.scene.units import to_si
 
 __all__ = [
     "CASES",
+    "STEADY_CASES",
     "Beam",
     "Boundary",
     "Cantilever",
@@ -57,6 +59,7 @@ __all__ = [
     "Solid",
     "Solver",
     "StVenantKirchhoff",
+    "Time",
     "Traction",
     "boundaries",
     "load_scene",

@@ -8,6 +8,7 @@ from ffsi.scene.loads import Gravity, Traction
 from ffsi.scene.materials import Fluid, MooneyRivlin, NeoHookean, Solid, StVenantKirchhoff
 from ffsi.scene.model import Scene
 from ffsi.scene.numerics import Mesh, MeshMotion
+from ffsi.scene.time import Time
 
 # St. Venant-Kirchhoff collapses at a finely resolved root corner: the size there belongs to the scene.
 FLAP_SVK_MESH = Mesh(level=1, root_size=0.01)
@@ -45,19 +46,28 @@ def flap(name: str, description: str, solid: Solid, mesh: Mesh, roof: Solid | No
     )
 
 
-def turek(name: str, description: str, mean_velocity: float | None = None, lame_mu: float | None = None) -> Scene:
-    """Return a steady case of Turek and Hron's benchmark.
+def turek(
+    name: str,
+    description: str,
+    mean_velocity: float | None = None,
+    lame_mu: float | None = None,
+    density: float = 1000.0,
+    time: Time | None = None,
+) -> Scene:
+    """Return a case of Turek and Hron's benchmark.
 
     Args:
         name: name of the case.
         description: one line of text.
         mean_velocity: of the inflow, m/s; None for the beam alone under gravity.
         lame_mu: shear modulus of the beam, Pa; None for a rigid beam.
+        density: of the beam, kg/m^3.
+        time: steps in time; None for a steady case. In time the inflow grows from rest within 2 s.
     """
     wet = mean_velocity is not None
     solid = {}
     if lame_mu is not None:
-        beam = StVenantKirchhoff(material="st-venant-kirchhoff", density=1000.0, lame_mu=lame_mu, poisson_ratio=0.4)
+        beam = StVenantKirchhoff(material="st-venant-kirchhoff", density=density, lame_mu=lame_mu, poisson_ratio=0.4)
         solid = {"beam": beam}
     return Scene(
         name=name,
@@ -67,10 +77,39 @@ def turek(name: str, description: str, mean_velocity: float | None = None, lame_
         fluid=Fluid(density=1000.0, viscosity=1.0) if wet else None,
         solid=solid,
         gravity=None if wet else Gravity(y=-2.0),
-        inflow=Inflow(mean_velocity=mean_velocity) if wet else None,
+        mesh_motion=MeshMotion(divergence_weight=4.0) if wet and solid and time else None,
+        inflow=Inflow(mean_velocity=mean_velocity, ramp=2.0 if time else None) if wet else None,
         outlet=DO_NOTHING if wet else None,
         forces=Forces(reference_length=0.1) if wet else None,
+        time=time,
     )
+
+
+def cylinder(name: str, description: str, inflow: Inflow, time: Time | None = None) -> Scene:
+    """Return a case of Schaefer and Turek's benchmark, a rigid cylinder in a channel.
+
+    Args:
+        name: name of the case.
+        description: one line of text.
+        inflow: velocity at the inlet.
+        time: steps in time; None for a steady case.
+    """
+    return Scene(
+        name=name,
+        description=description,
+        geometry=ChannelCylinder(length=2.2),
+        mesh=CYLINDER_MESH,
+        fluid=Fluid(density=1.0, viscosity=1e-3),
+        inflow=inflow,
+        outlet=DO_NOTHING,
+        forces=Forces(reference_length=0.1),
+        time=time,
+    )
+
+
+def periodic(step: float, end: float) -> Time:
+    """Return time steps (s) until the motion is periodic, at the latest until `end` (s)."""
+    return Time(step=step, end=end, stop="periodic")
 
 
 def _scenes() -> list[Scene]:
@@ -97,15 +136,42 @@ def _scenes() -> list[Scene]:
         turek("turek-csm1", "Turek-Hron CSM1: beam under gravity", lame_mu=0.5e6),
         turek("turek-csm2", "Turek-Hron CSM2: stiffer beam under gravity", lame_mu=2.0e6),
         turek("turek-fsi1", "Turek-Hron FSI1: elastic beam in steady flow, Re 20", 0.2, 0.5e6),
-        Scene(
-            name="cylinder-2d1",
-            description="Schaefer-Turek 2D-1: steady flow around a cylinder, Re 20",
-            geometry=ChannelCylinder(length=2.2),
-            mesh=CYLINDER_MESH,
-            fluid=Fluid(density=1.0, viscosity=1e-3),
-            inflow=Inflow(mean_velocity=0.2),
-            outlet=DO_NOTHING,
-            forces=Forces(reference_length=0.1),
+        turek(
+            "turek-cfd3",
+            "Turek-Hron CFD3: vortex street behind a rigid cylinder and beam, Re 200",
+            2.0,
+            time=periodic(step=0.005, end=10.0),
+        ),
+        turek(
+            "turek-csm3",
+            "Turek-Hron CSM3: beam swinging under gravity",
+            lame_mu=0.5e6,
+            time=periodic(step=0.01, end=10.0),
+        ),
+        turek(
+            "turek-fsi2",
+            "Turek-Hron FSI2: heavy elastic beam, large oscillations, Re 100",
+            1.0,
+            0.5e6,
+            density=10000.0,
+            time=periodic(step=0.01, end=15.0),
+        ),
+        turek(
+            "turek-fsi3",
+            "Turek-Hron FSI3: light elastic beam, fast oscillations, Re 200",
+            2.0,
+            2.0e6,
+            time=periodic(step=0.005, end=6.0),
+        ),
+        cylinder(
+            "cylinder-2d1", "Schaefer-Turek 2D-1: steady flow around a cylinder, Re 20", Inflow(mean_velocity=0.2)
+        ),
+        cylinder(
+            "cylinder-2d2",
+            "Schaefer-Turek 2D-2: vortex street behind a cylinder, Re 100",
+            # The benchmark is the periodic state: how the flow grows into it is free, a jump at t = 0 would be noise.
+            Inflow(mean_velocity=1.0, ramp=1.0),
+            periodic(step=0.005, end=10.0),
         ),
         Scene(
             name="cavity-flexible-floor",
@@ -135,3 +201,4 @@ def _scenes() -> list[Scene]:
 
 
 CASES: dict[str, Scene] = {scene.name: scene for scene in _scenes()}
+STEADY_CASES: dict[str, Scene] = {name: scene for name, scene in CASES.items() if scene.steady}

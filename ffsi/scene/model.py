@@ -17,17 +17,19 @@ from ffsi.scene.geometry import ChannelGeometry, ElementSizes, FlapChannel, Geom
 from ffsi.scene.loads import Gravity, Traction
 from ffsi.scene.materials import Fluid, Solid
 from ffsi.scene.numerics import Mesh, MeshMotion, Output, Solver
+from ffsi.scene.time import Time
 from ffsi.scene.toml import parse_toml, write_toml
 
 MAX_DESCRIPTION = 200
+STEP_DEFAULTS: dict[str, str | float] = {"step": "condensed", "step_tolerance": 1e-6}
 _NAME = re.compile(r"[a-z][a-z0-9-]{0,63}")
 
 
 class Scene(Table):
-    """One steady computation: a fluid, a solid or both in a reference domain.
+    """One computation: a fluid, a solid or both in a reference domain, steady or, with the table time, in time.
 
-    What is left out is filled in where it can be: element sizes, the reference length of the forces and the mesh
-    motion. So `to_toml` writes everything that the computation uses.
+    What is left out is filled in where it can be: element sizes, the reference length of the forces, the mesh
+    motion and, in time, how a step is solved. So `to_toml` writes everything that the computation uses.
 
     Raises:
         SceneError: a key or value is not valid, or the tables do not fit together.
@@ -49,6 +51,7 @@ class Scene(Table):
     inflow: Inflow | None = Field(None, description="velocity at the inlet in m/s, needed with a fluid")
     outlet: Outlet | None = Field(None, description="condition at the outlet, needed with a fluid")
     forces: Forces | None = Field(None, description="scale of the force coefficients, reference length in m")
+    time: Time | None = Field(None, description="steps in time, in s; a scene without it is steady")
     solver: Solver = Field(default_factory=Solver, description="Newton's method and the linear solver")
     output: Output = Field(default_factory=Output, description="what is written beside the results")
 
@@ -87,7 +90,13 @@ class Scene(Table):
 
     @model_validator(mode="after")
     def _complete(self) -> Self:
-        problems = [self._physics_problems(), self._load_problems(), self._mesh_problems(), self._inflow_problems()]
+        problems = [
+            self._physics_problems(),
+            self._load_problems(),
+            self._mesh_problems(),
+            self._inflow_problems(),
+            self._time_problems(),
+        ]
         refuse([problem for group in problems for problem in group])
         sizes = {key: getattr(self.mesh, key) for key in ElementSizes.__dataclass_fields__}
         missing = {key: getattr(self.geometry.default_sizes, key) for key, size in sizes.items() if size is None}
@@ -97,6 +106,10 @@ class Scene(Table):
             self._fill("forces", Forces(reference_length=self.geometry.reference_length))
         if self.fluid and self.solid and self.mesh_motion is None:
             self._fill("mesh_motion", MeshMotion())
+        if self.time:
+            missing_step = {key: value for key, value in STEP_DEFAULTS.items() if getattr(self.solver, key) is None}
+            if missing_step:
+                self._fill("solver", self.solver.model_copy(update=missing_step))
         return self
 
     def _fill(self, key: str, value: Table) -> None:
@@ -150,6 +163,24 @@ class Scene(Table):
             text = f"not finite at y = {bad[0]:.4g} m; accepted: a formula that is defined for y from 0 to H"
             yield Problem("inflow.profile", text, short(self.inflow.profile))
 
+    def _time_problems(self) -> Iterator[Problem]:
+        if self.time is None:
+            for key in ("ramp", "waveform"):
+                value = getattr(self.inflow, key, None)
+                if value is not None:
+                    text = "only accepted in a scene with a table time (time.step and time.end)"
+                    yield Problem(f"inflow.{key}", text, short(value) + (" s" if key == "ramp" else ""))
+            return
+        if self.mesh_motion is not None and self.mesh_motion.kind == "hyperelastic":
+            text = 'not accepted in a scene with a table time; accepted there: "harmonic", "linear-elastic"'
+            yield Problem("mesh_motion.kind", text, short(self.mesh_motion.kind))
+        if self.inflow is not None:
+            t = np.linspace(0.0, self.time.end, 2001)
+            bad = t[~np.isfinite(self.inflow.factor(t))]
+            if bad.size:
+                text = f"not finite at t = {bad[0]:.4g} s; accepted: a formula that is defined for t from 0 to time.end"
+                yield Problem("inflow.waveform", text, short(self.inflow.waveform))
+
     # What follows from the values ---------------------------------------------------------------------------------
 
     @property
@@ -158,6 +189,11 @@ class Scene(Table):
         if self.fluid is None:
             return "solid"
         return "fsi" if self.solid else "fluid"
+
+    @property
+    def steady(self) -> bool:
+        """Whether the scene has no table time."""
+        return self.time is None
 
     @property
     def element_sizes(self) -> ElementSizes:
@@ -182,6 +218,8 @@ class Scene(Table):
 
     def inflow_profile(self) -> Callable[[ArrayLike], NDArray[np.float64]]:
         """Return the function y (m, 0 to channel height) -> v_x (m/s) at the inlet.
+
+        In time it is to be multiplied by `inflow.factor(t)`.
 
         Raises:
             SceneError: the scene has no fluid.

@@ -55,7 +55,10 @@ class MeshMotion(Table):
 
 
 class Solver(Table):
-    """Newton's method and the linear solver."""
+    """Newton's method and the linear solver.
+
+    `step` and `step_tolerance` matter with a table time only, where a `Scene` fills them in: "condensed" and 1e-6.
+    """
 
     jacobian: Literal["divided-difference"] = Field("divided-difference", description="how the Jacobian is computed")
     tolerance: Annotated[float, Quantity("1", above=0.0, below=1.0)] = Field(
@@ -68,7 +71,9 @@ class Solver(Table):
         1e-3, description="the line search refuses steps with J = det F at or below this, dimensionless"
     )
     start: Literal["coarse", "rest"] = Field(
-        "coarse", description='first guess: "coarse" (solution of the coarser levels) or "rest"'
+        "coarse",
+        description='first guess: "coarse" (solution of the coarser levels) or "rest"; without '
+        "effect in a scene with a table time, which starts from rest",
     )
     reuse_ratio: Annotated[float, Quantity("1", at_least=0.0, below=1.0)] = Field(
         0.1,
@@ -76,6 +81,16 @@ class Solver(Table):
         "iteration, dimensionless",
     )
     linear_solver: Literal["mumps", "umfpack"] = Field("mumps", description='sparse LU: "mumps" or "umfpack"')
+    step: Literal["condensed", "newton"] | None = Field(
+        None,
+        description='with a table time, how a step is solved: "condensed" (by the velocity alone, the default) or '
+        '"newton" (all unknowns at once)',
+    )
+    step_tolerance: Annotated[float, Quantity("1", above=0.0, below=1.0)] | None = Field(
+        None,
+        description="with a table time, largest accepted correction in a step, relative to U k (displacement), U and "
+        "rho U^2, 1e-6 if absent, dimensionless",
+    )
     time_limit: Duration | None = Field(None, description="wall-clock time after which the run is stopped, s")
 
 

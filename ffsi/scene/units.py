@@ -31,6 +31,7 @@ _EXAMPLES = {
     "Pa s": "3.5 mPa s",
     "Pa": "0.5 MPa",
     "s": "10 min",
+    "1/s": "2 s^-1",
 }
 
 
@@ -189,3 +190,4 @@ Modulus = Annotated[float, Quantity("Pa", above=0.0)]
 NonNegativeModulus = Annotated[float, Quantity("Pa", at_least=0.0)]
 Stress = Annotated[float, Quantity("Pa")]
 Duration = Annotated[float, Quantity("s", above=0.0)]
+Rate = Annotated[float, Quantity("1/s", at_least=0.0)]

@@ -7,6 +7,8 @@ import pytest
 from ffsi.references import references_for
 from ffsi.scene import CASES, boundaries
 
+STEADY = {name: scene for name, scene in CASES.items() if scene.time is None}
+
 RESIDUALS = ("momentum", "continuity", "incompressibility", "kinematics", "mesh_motion", "dirichlet")
 DIFFERENCES = ("drag_difference", "lift_difference", "coefficient_difference")
 
@@ -152,7 +154,7 @@ LEVEL_1 = {
 }
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", STEADY)
 def test_the_case_converges(solved, case):
     result = solved(case)
     assert (result.status, result.reason) == ("converged", "")
@@ -163,9 +165,9 @@ def test_the_case_converges(solved, case):
     assert 0 < result.quantities["min_jacobian"] <= 1
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", STEADY)
 def test_the_checker_agrees(solved, case):
-    scene, check = CASES[case], solved(case).data["check"]
+    scene, check = STEADY[case], solved(case).data["check"]
     expected = {"momentum", "dirichlet"}
     expected |= {"continuity", *DIFFERENCES} if scene.fluid else set()
     expected |= {"kinematics", "mesh_motion"} if scene.physics == "fsi" else set()
@@ -182,7 +184,7 @@ def test_regression_at_level_0(solved, case, quantity):
 
 
 def test_every_case_has_regression_values():
-    assert set(LEVEL_0) == set(CASES)
+    assert set(LEVEL_0) == set(STEADY)
 
 
 @pytest.mark.parametrize(("case", "quantity"), list(LEVEL_1))
@@ -193,7 +195,7 @@ def test_level_1_is_near_the_published_value(solved, case, quantity):
     assert abs(error) < LEVEL_1[case, quantity]
 
 
-@pytest.mark.parametrize("case", [case for case, scene in CASES.items() if scene.forces])
+@pytest.mark.parametrize("case", [case for case, scene in STEADY.items() if scene.forces])
 def test_the_two_forms_of_the_force_are_near_each_other(solved, case):
     """The surface form is less accurate; a factor or a sign would not pass."""
     quantities = solved(case).quantities
@@ -213,7 +215,7 @@ def test_the_parts_add_up(solved, case):
         assert sum(parts) == pytest.approx(quantities[name], abs=(1e-12 if form else 1e-3) * size, rel=0)
 
 
-@pytest.mark.parametrize("case", [case for case, scene in CASES.items() if scene.forces])
+@pytest.mark.parametrize("case", [case for case, scene in STEADY.items() if scene.forces])
 def test_coefficients(solved, case):
     result = solved(case)
     values = result.parameters
@@ -222,14 +224,14 @@ def test_coefficients(solved, case):
         assert result.quantities[f"{name}_coefficient"] * scale == pytest.approx(result.quantities[name], rel=1e-13)
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", STEADY)
 def test_the_parameters_are_those_of_the_scene(solved, case):
     result = solved(case)
     expected = {key: value for key, value in result.scene.parameters().items() if key != "solver.time_limit"}
     assert result.parameters == pytest.approx(expected, rel=1e-15)
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", STEADY)
 def test_every_boundary_has_its_label(solved, case):
     """Straight boundaries have their exact length; arcs are polygons with their corners on the circle."""
     from ffsi.rawfiles import read_mesh

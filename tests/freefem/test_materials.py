@@ -205,11 +205,11 @@ def test_tangent_at_rest_is_linear_elasticity(fluxes):
 
 
 def assert_quadratic(history: pd.DataFrame) -> None:
-    """Each of the last three corrections is at most a multiple of the square of the one before, at full steps."""
+    """The last three corrections, at full steps: each at most a multiple of the last one's square, or rounding."""
     assert (history["step"].iloc[-4:-1] == 1).all()
     found = history["correction"].to_numpy()[:-1][-3:]
     assert found[0] < 0.1 and found[-1] < 1e-5
-    assert (found[1:] <= 30 * found[:-1] ** 2).all(), found
+    assert (found[1:] <= np.maximum(30 * found[:-1] ** 2, 1e-11)).all(), found
 
 
 def test_linear_convergence_is_not_taken_for_quadratic():

@@ -234,7 +234,7 @@ LAW_CHANGES = [
     ("def energy", "def base_energy"),
     (" + self.bulk_modulus / 2 * dilatation(gradient) ** 2", ""),
     ("def first_piola", "def base_stress"),
-    (" + self.bulk_modulus * change * cofactor(IDENTITY + gradient)", ""),
+    (" + self.bulk_modulus * dilatation(gradient)[..., None, None] * cofactor(IDENTITY + gradient)", ""),
     ("def stiffness", "def base_stiffness"),
     ("return self.bulk_modulus + ", "return "),
 ]

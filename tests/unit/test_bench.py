@@ -1,11 +1,20 @@
-"""The benchmark: ratios, medians, tables and what is written."""
+"""The benchmark: ratios, medians, tables, mesh motions, and what is written."""
+
+from dataclasses import replace
+from types import SimpleNamespace
 
 import pandas as pd
 import pytest
 
-from ffsi import bench
-from ffsi.bench import RATIOS, level_table, ratio_table, ratios, to_row
+from ffsi import bench, cli
+from ffsi.bench import costs, levels, mesh_motion, scenes
+from ffsi.bench.costs import RATIOS, cost_row, marked, ratios
+from ffsi.bench.levels import level_table, ratio_table, to_row
+from ffsi.bench.mesh_motion import MOTIONS, SWEEPS, Motion, Sweep, Track, steps
+from ffsi.bench.scenes import FORMULATIONS, formulation_rows, formulation_table, scene_table
 from ffsi.folder import InputError
+from ffsi.freefem import FreeFEMError
+from ffsi.scene import STEADY_CASES, load_scene
 from ffsi.verification import Measurement
 
 TIMINGS = {
@@ -13,7 +22,8 @@ TIMINGS = {
     "check": 0.05, "script": 2.0, "total": 3.0, "pictures": 0.7,
     "one_factorization": 0.5, "one_jacobian": 0.25, "one_residual": 0.005, "one_solve": 0.01,
 }  # fmt: skip
-README = "<!-- bench:begin -->\n<!-- bench:end -->\n"
+BLOCKS = ("bench", "bench-scenes", "mesh-motion")
+README = "".join(f"<!-- {name}:begin -->\n<!-- {name}:end -->\n" for name in BLOCKS)
 
 
 def run(level: int = 2, factor: float = 1.0, case: str = "turek-fsi1") -> Measurement:
@@ -74,13 +84,13 @@ def test_tables_mark_what_is_above_its_bound_and_stay_whole_after_a_failure():
 def test_a_case_without_published_values_still_has_times():
     rows = [to_row([run(case="flap-svk")])]
     assert level_table(rows, "flap-svk").body == [["2", "7000", "2800", "2.00", "3.00", "6", "1"]]
-    assert bench.draw(rows, "flap-svk") is not None
+    assert levels.draw(rows, "flap-svk") is not None
 
 
 def test_table_picture_and_readme_are_written(tmp_path, monkeypatch, capsys):
     readme = tmp_path / "README.md"
     readme.write_text(README)
-    monkeypatch.setattr(bench, "measure", lambda case, level: run(level, level + 1))
+    monkeypatch.setattr(levels, "measure", lambda case, level: run(level, level + 1))
     assert bench.main([0, 1], repeat=2, out=tmp_path / "results", readme=readme) == ["", "", "", ""]
     frame = pd.read_csv(tmp_path / "results/bench-turek-fsi1.csv")
     assert frame["script_seconds"].tolist() == [2, 4]
@@ -96,7 +106,7 @@ def test_table_picture_and_readme_are_written(tmp_path, monkeypatch, capsys):
 def test_a_failed_run_is_returned_and_leaves_the_readme_alone(tmp_path, monkeypatch):
     readme = tmp_path / "README.md"
     readme.write_text(README)
-    monkeypatch.setattr(bench, "measure", failed)
+    monkeypatch.setattr(levels, "measure", failed)
     assert bench.main([0], readme=readme) == ["not-converged"]
     assert readme.read_text() == README
 
@@ -104,3 +114,278 @@ def test_a_failed_run_is_returned_and_leaves_the_readme_alone(tmp_path, monkeypa
 def test_at_least_one_run():
     with pytest.raises(InputError, match="at least one run, not 0"):
         bench.main([0], repeat=0)
+
+
+# Scenes -------------------------------------------------------------------------------------------------------------
+
+
+def solution(**timings: float) -> Measurement:
+    """A run whose timings differ from `TIMINGS`."""
+    base = run(case="cook")
+    return replace(base, data={**base.data, "timings": {**TIMINGS, "coarser_meshes": 0.25, **timings}})
+
+
+def test_scenes_name_the_phases_of_what_is_above_a_bound():
+    rows = [cost_row([solution()]), cost_row([solution(jacobian=2.0, solve=3.0, one_jacobian=0.6)])]
+    table = scene_table([*rows, cost_row([failed("flap-svk", 2)])], reasons=True)
+    assert table.head[4] == "Newton (< 5)"
+    assert table.body[0] == ["cook", "2", "7000", "0.500", "2.00", "0.50", "0.010", "1.20", "0.50", "6", "1", ""]
+    assert table.body[1][4:6] == ["11.10 !", "1.20 !"]
+    assert table.body[1][-1] == "Newton: solve 6.0, Jacobian 4.0, factorise 1.0, residual 0.1; one Jacobian"
+    assert table.body[2] == ["flap-svk", "2", *["–"] * 9, ""]
+    assert scene_table(rows).body == [row[:-1] for row in table.body[:2]]
+
+
+def test_what_is_exactly_at_its_bound_is_not_marked():
+    assert [marked(value, 1.5) for value in (1.5, 1.51, None, float("nan"))] == ["1.50", "1.51 !", "–", "–"]
+
+
+def test_formulations_are_compared_within_a_repetition():
+    """A machine that is ten times slower in the second repetition changes no quotient."""
+    repetitions = [
+        [solution(total=slow), solution(total=1.25 * slow, one_jacobian=0.4), solution(total=2 * slow)]
+        for slow in (3.0, 30.0, 3.0)
+    ]
+    rows = formulation_rows("cook", repetitions)
+    assert [row["quotient_total"] for row in rows] == pytest.approx([1, 1.25, 2])
+    assert rows[1]["quotient_one_jacobian"] == pytest.approx(1.6)
+    table = formulation_table(rows)
+    assert table.body[1][:2] == ["cook", "mixed"]
+    assert table.body[1][5:] == ["1.25", "1.00", "1.00", "1.60 !", "1.00"]
+    assert table.body[2][5] == "2.00 !"
+
+
+def test_a_formulation_that_failed_has_no_quotient():
+    rows = formulation_rows("cook", [[solution(), failed("cook", 2), solution()]])
+    assert formulation_table(rows).body[1] == ["cook", "mixed", *["–"] * 8]
+    assert rows[2]["quotient_script"] == 1
+
+
+def test_every_scene_has_a_level_and_every_formulation_is_a_scene():
+    assert set(scenes.LEVELS) | set(scenes.FORMULATED) <= set(STEADY_CASES)
+    for case, solid in scenes.FORMULATED.items():
+        for formulation in FORMULATIONS:
+            scene = load_scene(case, [f"solid.{solid}.formulation={formulation}"])
+            assert scene.solid[solid].mixed == (formulation != "displacement")
+
+
+@pytest.fixture
+def runs(monkeypatch) -> list[tuple[str, tuple[str, ...]]]:
+    """Replace the runs of `--scenes` by given ones; the calls are recorded."""
+    calls = []
+
+    def solved(case, settings=()):
+        calls.append((case, tuple(settings)))
+        return replace(solution(), case=case)
+
+    monkeypatch.setattr(scenes, "run", solved)
+    return calls
+
+
+def test_scenes_are_run_and_written(tmp_path, runs, capsys):
+    readme = tmp_path / "README.md"
+    readme.write_text(README)
+    assert set(scenes.main(repeat=2, out=tmp_path / "results", readme=readme)) == {""}
+    assert [runs.count((case, (f"mesh.level={scenes.level_of(case)}",))) for case in STEADY_CASES] == [2] * len(
+        STEADY_CASES
+    )
+    pairs = [settings[-1].partition("formulation=")[2] for _, settings in runs if "formulation" in settings[-1]]
+    assert pairs == [*FORMULATIONS] * 6
+    assert len(pd.read_csv(tmp_path / "results/bench-scenes.csv")) == len(STEADY_CASES)
+    assert pd.read_csv(tmp_path / "results/bench-formulations.csv")["quotient_newton"].tolist() == [1] * 9
+    text = readme.read_text()
+    assert "Written by `ffsi bench --scenes --repeat 2`" in text
+    assert "(results/bench-formulations.csv)" in text
+    assert "Formulations of the solid" in capsys.readouterr().out
+
+
+def test_a_failed_scene_leaves_the_readme_alone(tmp_path, monkeypatch):
+    readme = tmp_path / "README.md"
+    readme.write_text(README)
+    monkeypatch.setattr(scenes, "run", lambda case, settings=(): failed(case, 2))
+    assert set(scenes.main(readme=readme)) == {"not-converged"}
+    assert readme.read_text() == README
+    with pytest.raises(InputError, match="at least one run, not 0"):
+        scenes.main(repeat=0)
+
+
+def test_a_run_counts_what_was_done_on_coarser_meshes(monkeypatch):
+    history = pd.DataFrame({"stage": [1, 1, 2, 2], "seconds": [0.1, 0.4, 0.9, 1.0]})
+    done = SimpleNamespace(data=dict(solution().data), solved=True, history=history)
+    monkeypatch.setattr(costs, "solve", lambda scene, **_: done)
+    found = costs.run("cook", ["mesh.level=1"])
+    assert (found.level, found.timings["coarser_meshes"]) == (1, 0.4)
+    done.history = history[history["stage"] == 2]
+    assert costs.run("cook").timings["coarser_meshes"] == 0
+
+
+def test_a_run_that_dies_is_a_measurement(monkeypatch):
+    def die(scene, **_):
+        raise FreeFEMError("crash", "signal 11")
+
+    monkeypatch.setattr(costs, "solve", die)
+    assert costs.run("cook").failure == "crash"
+
+
+# Mesh motion --------------------------------------------------------------------------------------------------------
+
+SHORT = Sweep("flap-neo-hookean", "rigid roof", (0.06, 0.12, 0.18))
+GOOD, POOR = MOTIONS[6], MOTIONS[0]
+
+
+def point(number: int, jacobian: float, failure: str = "") -> dict[str, object]:
+    """What `result.json` holds; counts and script seconds go on from point to point."""
+    return {
+        "status": "failed" if failure else "converged", "failure": failure, "unknowns": 9007,
+        "reason": "the fluid mesh folds at (0.54, 0.2) (last good state at load 0.9; and so on)" if failure else "",
+        "quantities": {"min_jacobian_fluid": jacobian, "drag": 0.1, "tip_ux": 0.13},
+        "newton": {"iterations": 10 * number, "factorizations": number},
+        "timings": {"script": 1.5 * number, "one_factorization": 0.1, "one_jacobian": 0.07},
+        "freefem": {"version": "4.9", "solver": "MUMPS"},
+    }  # fmt: skip
+
+
+def track(motion: Motion, *jacobians: float, failure: str = "", sweep: Sweep = SHORT) -> Track:
+    """A sweep with these min J; with a failure that is what its last point has."""
+    last = len(jacobians)
+    points = [point(i, value, failure if i == last else "") for i, value in enumerate(jacobians, start=1)]
+    return Track(sweep, motion, 1, tuple(points))
+
+
+def test_a_sweep_to_its_last_point():
+    found = track(GOOD, 0.7, 0.5, 0.4)
+    assert (found.reaches, found.complete, found.end, found.failures) == (0.18, True, None, [])
+    assert found.row() == {
+        "reaches": 0.18, "min_jacobian_last": 0.4, "min_jacobian": 0.5, "tip_ux": 0.13, "seconds": 3.0,
+        "iterations": 20, "factorizations": 2, "one_factorization": 0.1, "one_jacobian": 0.07,
+    }  # fmt: skip
+
+
+def test_where_a_sweep_ends_is_a_finding():
+    found = track(POOR, 0.7, 0.01, failure="not-converged")
+    assert (found.reaches, found.complete, found.failures) == (0.06, False, [])
+    assert found.end is not None and found.end[0] == 0.12
+    assert found.row()["min_jacobian_last"] == 0.7
+    assert "min_jacobian" not in found.row()
+    nothing = track(POOR, 0.01, failure="not-converged")
+    assert (nothing.reaches, nothing.row()) == (None, {})
+
+
+def test_a_failed_check_is_a_solved_point_and_a_failure():
+    found = track(GOOD, 0.7, 0.5, 0.4, failure="check")
+    assert (found.reaches, found.failures) == (0.18, ["check"])
+    assert track(GOOD, 0.7, 0.5, failure="crash").failures == ["crash"]
+
+
+def test_the_tables_of_mesh_motions():
+    tracks = [track(GOOD, 0.7, 0.5, 0.4), track(POOR, 0.01, failure="not-converged")]
+    table = mesh_motion.table(tracks, reasons=True)
+    costs_of_good = ["3.0", "20", "2", "0.100", "0.070"]
+    assert table.body[0] == [
+        "rigid", "hyperelastic, size", "1", "0", "5", "≥ 0.18", "0.400", "0.500", "0.13000", *costs_of_good, "–"
+    ]  # fmt: skip
+    ended = "the fluid mesh folds at (0.54, 0.2)"
+    assert table.body[1] == ["rigid", "harmonic, constant", "0", "0", "0", *["–"] * 9, ended]
+    assert [row[:-1] for row in table.body] == mesh_motion.table(tracks).body
+    frame = mesh_motion.frame(tracks)
+    assert frame["inflow.mean_velocity"].tolist() == [0.06, 0.12, 0.18, 0.06]
+    assert frame["min_jacobian_fluid"].tolist() == [0.7, 0.5, 0.4, 0.01]
+    assert frame["drag"].isna().tolist() == [False, False, False, True]
+
+
+def test_every_mesh_motion_is_a_scene_and_both_sweeps_hold_the_common_point():
+    for sweep in SWEEPS:
+        assert mesh_motion.COMMON in sweep.velocities
+        scenes_of = [load_scene(sweep.case, motion.settings) for motion in MOTIONS]
+        assert scenes_of[MOTIONS.index(GOOD)] == load_scene(sweep.case, [])
+        assert len({scene.to_toml() for scene in scenes_of}) == len(MOTIONS)
+    assert SWEEPS[0].velocities[-1] == 0.3
+    assert steps(0.1, 3) == (0.1, 0.2, 0.3)
+
+
+def test_a_sweep_is_one_chain_that_ends_at_its_first_failure(monkeypatch):
+    seen = []
+
+    def chain(scene, values, out, **options):
+        seen.append((scene.mesh_motion.kind, scene.mesh.level, [dict(item) for item in values], options["draw"]))
+        data = [point(1, 0.7), point(2, 0.01, "not-converged"), point(3, 0.0, "not-reached")]
+        return [SimpleNamespace(data=item, solved=not item["failure"]) for item in data]
+
+    monkeypatch.setattr(mesh_motion, "run_chain", chain)
+    found = mesh_motion.run(SHORT, POOR, 2)
+    assert seen == [("harmonic", 2, [{"inflow.mean_velocity": v} for v in SHORT.velocities], "none")]
+    assert [item["failure"] for item in found.points] == ["", "not-converged"]
+
+
+def test_mesh_motions_are_run_and_written(tmp_path, monkeypatch, capsys):
+    readme = tmp_path / "README.md"
+    readme.write_text(README)
+
+    def solved(sweep, motion, level, on_event):
+        if motion == POOR:
+            return track(motion, 0.0, failure="not-converged", sweep=sweep)
+        return track(motion, 0.7, 0.5, sweep=sweep)
+
+    monkeypatch.setattr(mesh_motion, "run", solved)
+    assert mesh_motion.main(out=tmp_path / "results", readme=readme) == []
+    assert len(pd.read_csv(tmp_path / "results/mesh-motion.csv")) == 2 * (2 * 7 + 1)
+    assert (tmp_path / "results/mesh-motion.png").read_bytes().startswith(b"\x89PNG")
+    text = (tmp_path / "results/mesh-motion.md").read_text()
+    assert "rigid roof, harmonic, constant: failed at 0.02 m/s: the fluid mesh folds" in text
+    assert "Written by `ffsi bench --mesh-motion`" in readme.read_text()
+    out, err = capsys.readouterr()
+    assert "hyperelastic, size" in out
+    assert "and so on" in err
+
+
+def test_a_sweep_that_no_mesh_motion_starts_is_a_failure(tmp_path, monkeypatch):
+    readme = tmp_path / "README.md"
+    readme.write_text(README)
+    monkeypatch.setattr(
+        mesh_motion, "run", lambda sweep, motion, *_: track(motion, 0.0, failure="not-converged", sweep=sweep)
+    )
+    assert mesh_motion.main(readme=readme) == ["not-converged", "not-converged"]
+    assert readme.read_text() == README
+
+
+# Command line -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("words", "module", "options"),
+    [
+        (["--scenes", "--repeat", "3"], scenes, {"repeat": 3}),
+        (["--mesh-motion", "--level", "2"], mesh_motion, {"level": 2}),
+        (["--mesh-motion"], mesh_motion, {}),
+    ],
+)
+def test_the_kind_of_measurement_is_chosen_by_its_option(monkeypatch, words, module, options):
+    seen = []
+    monkeypatch.setattr(module, "main", lambda **given: seen.append(given) or ["not-converged"])
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["bench", *words])
+    assert (ended.value.code, seen) == (3, [options])
+
+
+def test_without_it_one_case_is_measured(monkeypatch):
+    seen = []
+    monkeypatch.setattr(bench, "main", lambda *given, **options: seen.append((given, options)) or [""])
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["bench", "--case", "cook", "--levels", "1", "--repeat", "2"])
+    assert (ended.value.code, seen) == (0, [(([1], "cook"), {"repeat": 2})])
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--scenes", "--mesh-motion"], "either --scenes or --mesh-motion"),
+        (["--scenes", "--levels", "1"], "ffsi bench --scenes has no option --levels"),
+        (["--mesh-motion", "--repeat", "2"], "ffsi bench --mesh-motion has no option --repeat"),
+        (["--level", "1"], "ffsi bench has no option --level"),
+    ],
+)
+def test_options_of_another_kind_are_refused(capsys, words, message):
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["bench", *words])
+    assert ended.value.code == 2
+    assert message in capsys.readouterr().err

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from ffsi.reference import from_scene
 from ffsi.reference.materials import (
     IDENTITY,
     MooneyRivlin,
@@ -14,6 +15,7 @@ from ffsi.reference.materials import (
     determinant,
     dilatation,
 )
+from ffsi.scene.materials import MATERIALS as SCENE_LAWS
 
 LAMBDA, MU = 2.0, 0.7
 # Every material with its Lame constants at rest.
@@ -64,6 +66,12 @@ def eliminated(material, gradient):
     """Stress dW_0/dF - p cof F with the pressure that the volume equation of the mixed form gives."""
     pressure = -material.volume_modulus * material.volume_slope(dilatation(gradient))
     return material.base_stress(gradient) - pressure[..., None, None] * cofactor(IDENTITY + gradient)
+
+
+def test_all_laws_of_the_scenes_are_here():
+    of_scenes = {"st-venant-kirchhoff": StVenantKirchhoff, "neo-hookean": NeoHookean, "mooney-rivlin": MooneyRivlin}
+    assert set(of_scenes) == set(from_scene.MATERIALS) == set(SCENE_LAWS)
+    assert {*of_scenes.values(), PseudoSolid} == {type(material) for material, *_ in MATERIALS}
 
 
 def test_gradients_are_many_and_large():

@@ -60,6 +60,11 @@ OUTLINES: dict[str, dict[str, list[Points]]] = {
     "turek-fsi1": {"fluid": [box(0, 0, 2.5, 0.41), BODY], "beam": [BEAM]},
     "cylinder-2d1": {"fluid": [box(0, 0, 2.2, 0.41), arc(0.2, 0.2, 0.05, 0, 360)]},
     "cavity-flexible-floor": {"fluid": [CAVITY], "floor": [FLOOR]},
+    "turek-cfd3": {"fluid": [box(0, 0, 2.5, 0.41), BODY]},
+    "turek-csm3": {"beam": [BEAM]},
+    "turek-fsi2": {"fluid": [box(0, 0, 2.5, 0.41), BODY], "beam": [BEAM]},
+    "turek-fsi3": {"fluid": [box(0, 0, 2.5, 0.41), BODY], "beam": [BEAM]},
+    "cylinder-2d2": {"fluid": [box(0, 0, 2.2, 0.41), arc(0.2, 0.2, 0.05, 0, 360)]},
     "cook": {"membrane": [[(0, 0), (48, 44), (48, 60), (0, 44)]]},
     "cantilever": {"beam": [box(0, 0, 1, 0.01)]},
 }
@@ -71,6 +76,10 @@ SIDES = {name: {"fluid": WET, "flap": {5, 6}, "roof": {7, 10, 11}} for name in O
 INLET, OUTLET, WALLS = (1, "inlet", None), (2, "outlet", None), (3, "no-slip", None)
 FLAP_ROLES = [INLET, OUTLET, WALLS, (5, "interface", "flap"), (6, "clamped", None)]
 ROOF_ROLES = [*FLAP_ROLES, (7, "free", None), (10, "interface", None), (11, "clamped", None)]
+FSI_ROLES = [INLET, OUTLET, WALLS, (4, "no-slip", "cylinder"), (5, "interface", "beam"), (6, "clamped", None)]
+RIGID_ROLES = [INLET, OUTLET, WALLS, (4, "no-slip", "cylinder"), (5, "no-slip", "beam")]
+SOLID_ROLES = [(5, "free", None), (6, "clamped", None)]
+CYLINDER_ROLES = [INLET, OUTLET, WALLS, (4, "no-slip", "cylinder")]
 LOADED_ROLES = [(6, "clamped", None), (7, "free", None), (12, "loaded", None)]
 ROLES = {
     "flap-svk": FLAP_ROLES,
@@ -78,14 +87,17 @@ ROLES = {
     "flap-mooney-rivlin": FLAP_ROLES,
     "flap-neo-hookean-roof": ROOF_ROLES,
     "flap-mooney-rivlin-roof": ROOF_ROLES,
-    "turek-cfd1": [INLET, OUTLET, WALLS, (4, "no-slip", "cylinder"), (5, "no-slip", "beam")],
-    "turek-cfd2": [INLET, OUTLET, WALLS, (4, "no-slip", "cylinder"), (5, "no-slip", "beam")],
-    "turek-csm1": [(5, "free", None), (6, "clamped", None)],
-    "turek-csm2": [(5, "free", None), (6, "clamped", None)],
-    "turek-fsi1": [
-        INLET, OUTLET, WALLS, (4, "no-slip", "cylinder"), (5, "interface", "beam"), (6, "clamped", None)
-    ],
-    "cylinder-2d1": [INLET, OUTLET, WALLS, (4, "no-slip", "cylinder")],
+    "turek-cfd1": RIGID_ROLES,
+    "turek-cfd2": RIGID_ROLES,
+    "turek-cfd3": RIGID_ROLES,
+    "turek-csm1": SOLID_ROLES,
+    "turek-csm2": SOLID_ROLES,
+    "turek-csm3": SOLID_ROLES,
+    "turek-fsi1": FSI_ROLES,
+    "turek-fsi2": FSI_ROLES,
+    "turek-fsi3": FSI_ROLES,
+    "cylinder-2d1": CYLINDER_ROLES,
+    "cylinder-2d2": CYLINDER_ROLES,
     "cavity-flexible-floor": [
         INLET, OUTLET, WALLS, (5, "interface", "floor"), (6, "clamped", None), (7, "free", None),
         (8, "no-slip", None), (9, "no-slip", None),
@@ -164,7 +176,12 @@ def test_every_arc_has_its_circle() -> None:
         "turek-csm1": {6: cylinder},
         "turek-csm2": {6: cylinder},
         "turek-fsi1": {4: cylinder, 6: cylinder},
+        "turek-cfd3": {4: cylinder},
+        "turek-csm3": {6: cylinder},
+        "turek-fsi2": {4: cylinder, 6: cylinder},
+        "turek-fsi3": {4: cylinder, 6: cylinder},
         "cylinder-2d1": {4: cylinder},
+        "cylinder-2d2": {4: cylinder},
         "cavity-flexible-floor": {8: (1.75, -0.25, 0.25), 9: (6.25, -0.25, 0.25)},
     }
 
@@ -201,6 +218,9 @@ def test_tips() -> None:
         "turek-csm1": (0.6, 0.2),
         "turek-csm2": (0.6, 0.2),
         "turek-fsi1": (0.6, 0.2),
+        "turek-csm3": (0.6, 0.2),
+        "turek-fsi2": (0.6, 0.2),
+        "turek-fsi3": (0.6, 0.2),
         "cavity-flexible-floor": (4.0, -1.0),
         "cook": (48.0, 60.0),
         "cantilever": (1.0, 0.005),

@@ -1,0 +1,419 @@
+"""What a computation in time comes to: mean, amplitude and frequency of a periodic motion; limits of a refinement.
+
+The rule is that of the benchmarks: over the last full period of a reference signal (the tip's u_y, or the lift) the
+mean is (max + min)/2 and the amplitude (max - min)/2. A period runs from one crossing of the mean upwards to the next.
+Maxima, minima and crossings lie between the time steps: they are those of polynomials fitted nearby.
+
+Times are in s and may be unevenly spaced, values in any one unit, frequencies in Hz.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Array = NDArray[np.float64]
+
+BLOCK = 2
+"""Periods of one of the two blocks that `periodic` compares."""
+
+_REFERENCES = ("tip_uy", "lift")
+_NO_QUANTITIES = frozenset({"time", "step", "iterations", "factorized", "min_jacobian", "seconds"})
+
+# A crossing of the mean counts if the signal was this part of its amplitude below and is now as much above.
+_THRESHOLD = 0.5
+# Points within these parts of a period are fitted at a maximum (or minimum) and at a crossing.
+_AT_PEAK, _AT_CROSSING = 0.085, 0.085
+# An amplitude below this part of the largest value is rounding.
+_ROUNDING = 1e-11
+_HARMONICS = 20
+# Parts of the whole, at its end, in which periods are looked for.
+_PARTS = tuple(2.0 ** (power / 2) for power in range(-10, 1))
+
+
+@dataclass(frozen=True)
+class Oscillation:
+    """The last full period of a signal.
+
+    Attributes:
+        mean: (max + min)/2, in the signal's unit; NaN if there is no period.
+        amplitude: (max - min)/2, in the signal's unit; NaN if there is no period.
+        frequency: of the signal, Hz; NaN if there is no period, or the signal is constant.
+        start: where the period starts, s.
+        end: where it ends, s.
+        reason: why values are NaN; empty if none is.
+    """
+
+    mean: float
+    amplitude: float
+    frequency: float
+    start: float = math.nan
+    end: float = math.nan
+    reason: str = ""
+
+    @property
+    def lowest(self) -> float:
+        """Smallest value, in the signal's unit."""
+        return self.mean - self.amplitude
+
+    @property
+    def highest(self) -> float:
+        """Largest value, in the signal's unit."""
+        return self.mean + self.amplitude
+
+    @property
+    def peak_to_peak(self) -> float:
+        """Largest minus smallest value, in the signal's unit."""
+        return 2.0 * self.amplitude
+
+    def as_dict(self) -> dict[str, float]:
+        """Return mean, amplitude (both in the signal's unit) and frequency (Hz) by name."""
+        return {"mean": self.mean, "amplitude": self.amplitude, "frequency": self.frequency}
+
+
+@dataclass(frozen=True)
+class Periodicity:
+    """Whether a motion is periodic; true or false as a condition.
+
+    Attributes:
+        periodic: whether both changes are small enough.
+        amplitude_change: change of the amplitude from one block of periods to the next, relative to the later one,
+            dimensionless; NaN with too few periods.
+        mean_change: change of the mean, relative to the later amplitude, dimensionless; NaN with too few periods.
+        reason: why it is not periodic; empty if it is.
+    """
+
+    periodic: bool
+    amplitude_change: float = math.nan
+    mean_change: float = math.nan
+    reason: str = ""
+
+    def __bool__(self) -> bool:
+        """Return whether the motion is periodic."""
+        return self.periodic
+
+
+@dataclass(frozen=True)
+class Extrapolation:
+    """The limit of a refinement.
+
+    Attributes:
+        value: what the values tend to, in their unit; NaN if they do not.
+        order: exponent p of the error C h^p, dimensionless; NaN if there is none.
+        error: of the value on the finest mesh (or step), value minus limit, in their unit; NaN likewise.
+        reason: why values are NaN; empty if none is.
+    """
+
+    value: float
+    order: float
+    error: float
+    reason: str = ""
+
+
+# Periods ----------------------------------------------------------------------------------------------------------
+
+
+def mean_amplitude_frequency(t: ArrayLike, y: ArrayLike, reference: ArrayLike | None = None) -> Oscillation:
+    """Return mean, amplitude and frequency over the last full period.
+
+    Args:
+        t: times, s, increasing.
+        y: values of the signal.
+        reference: values of the signal whose last full period is taken; None: `y` itself.
+
+    Returns:
+        The oscillation. With a reference the frequency is that multiple of the reference's which is strongest in `y`:
+        twice it for the drag of an oscillating beam. Without a full period all values are NaN, with the reason.
+
+    Raises:
+        ValueError: the arrays do not have the same length, a value is not finite, or the times do not increase.
+    """
+    times, values = _signal(t, y)
+    _, other = _signal(t, y if reference is None else reference)
+    crossings = _crossings(times, other, 2)
+    if len(crossings) < 2:
+        return Oscillation(math.nan, math.nan, math.nan, reason=_too_few(crossings, 1))
+    start, end = float(crossings[-2]), float(crossings[-1])
+    lowest, highest = _extrema(times, values, start, end)
+    found = Oscillation((highest + lowest) / 2, (highest - lowest) / 2, 1.0 / (end - start), start, end)
+    if found.amplitude <= _ROUNDING * float(np.abs(values).max()):
+        return replace(found, frequency=math.nan, reason="the signal is constant")
+    if reference is None:
+        return found
+    return replace(found, frequency=_strongest(times, values, start, end) / (end - start))
+
+
+def extrema(t: ArrayLike, y: ArrayLike, reference: ArrayLike | None = None) -> tuple[float, float]:
+    """Return the smallest and the largest value over the last full period, in the signal's unit.
+
+    Args:
+        t: times, s, increasing.
+        y: values of the signal.
+        reference: values of the signal whose last full period is taken; None: `y` itself.
+
+    Returns:
+        Minimum and maximum; NaN without a full period.
+
+    Raises:
+        ValueError: as `mean_amplitude_frequency`.
+    """
+    found = mean_amplitude_frequency(t, y, reference)
+    return found.lowest, found.highest
+
+
+def periodic(t: ArrayLike, y: ArrayLike, tolerance: float = 0.02, mean_tolerance: float = 0.02) -> Periodicity:
+    """Return whether a motion has become periodic: two successive blocks of two periods each agree.
+
+    Args:
+        t: times, s, increasing.
+        y: values of the signal.
+        tolerance: largest accepted change of the amplitude between the blocks, relative, dimensionless.
+        mean_tolerance: largest accepted change of the mean, relative to the amplitude, dimensionless.
+
+    Raises:
+        ValueError: as `mean_amplitude_frequency`.
+    """
+    times, values = _signal(t, y)
+    crossings = _crossings(times, values, 2 * BLOCK + 1)
+    if len(crossings) < 2 * BLOCK + 1:
+        return Periodicity(False, reason=_too_few(crossings, 2 * BLOCK))
+    edges = [float(crossings[-1 - 2 * BLOCK]), float(crossings[-1 - BLOCK]), float(crossings[-1])]
+    blocks = [_extrema(times, values, start, end) for start, end in itertools.pairwise(edges)]
+    before, after = ((high - low) / 2 for low, high in blocks)
+    amplitude = abs(after - before) / after
+    mean = abs(sum(blocks[1]) - sum(blocks[0])) / 2 / after
+    for name, change, accepted in (("amplitude", amplitude, tolerance), ("mean", mean, mean_tolerance)):
+        if not change < accepted:
+            text = f"the {name} changes by {100 * change:.2g} % of the amplitude, accepted: {100 * accepted:.2g} %"
+            return Periodicity(False, amplitude, mean, text)
+    return Periodicity(True, amplitude, mean)
+
+
+def quantities_of_history(history: pd.DataFrame, reference: str | None = None) -> dict[str, dict[str, float]]:
+    """Return mean, amplitude and frequency of every quantity of a computation in time.
+
+    Args:
+        history: one row per time step: the column `time` (s) and one for each quantity (SI); columns on the
+            computation itself (`step`, `iterations`, ...) are left out.
+        reference: the column whose last full period is taken; None: `tip_uy`, without it `lift`, without both each
+            quantity's own.
+
+    Returns:
+        By quantity `mean` and `amplitude` in its SI unit and `frequency` in Hz; NaN without a full period.
+
+    Raises:
+        KeyError: the history has no column `time` or no column `reference`.
+        ValueError: as `mean_amplitude_frequency`.
+    """
+    return {name: found.as_dict() for name, found in oscillations(history, reference).items()}
+
+
+def oscillations(history: pd.DataFrame, reference: str | None = None) -> dict[str, Oscillation]:
+    """Return the last full period of every quantity; arguments and errors as `quantities_of_history`."""
+    t = history["time"].to_numpy(dtype=np.float64)
+    if reference is None:
+        reference = reference_column(history)
+    other = None if reference is None else history[reference].to_numpy(dtype=np.float64)
+    found = {}
+    for name in map(str, history.columns):
+        if name not in _NO_QUANTITIES:
+            y = history[name].to_numpy(dtype=np.float64)
+            found[name] = mean_amplitude_frequency(t, y, None if name == reference else other)
+    return found
+
+
+def reference_column(history: pd.DataFrame) -> str | None:
+    """Return the column whose period counts: `tip_uy`, without it `lift`; None without both."""
+    return next((name for name in _REFERENCES if name in history.columns), None)
+
+
+def strouhal(frequency: float, length: float, speed: float) -> float:
+    """Return f L/U, dimensionless, of a frequency in Hz, a length in m and a mean velocity in m/s."""
+    return frequency * length / speed
+
+
+# Refinement -------------------------------------------------------------------------------------------------------
+
+
+def richardson(h: Sequence[float], values: Sequence[float], order: float | None = None) -> Extrapolation:
+    """Return the limit of values on ever finer meshes (or with ever smaller steps), whose error is C h^p.
+
+    Args:
+        h: mesh widths or time steps, in any unit and order, all different.
+        values: value for each of them.
+        order: exponent p, dimensionless; None: estimated from the three finest.
+
+    Returns:
+        The limit; NaN with the reason if the values do not tend to one.
+
+    Raises:
+        ValueError: there are fewer than two values (three without an order), or widths that are not different and
+            positive.
+    """
+    needed = 3 if order is None else 2
+    if len(h) != len(values) or len(h) < needed:
+        raise ValueError(f"{needed} widths or more are needed and as many values, not {len(h)} and {len(values)}")
+    if not all(0.0 < width < math.inf for width in h) or len(set(h)) < len(h):
+        raise ValueError("the widths must be different, positive and finite")
+    pairs = sorted(zip(map(float, h), map(float, values), strict=True))[:needed]
+    (fine, f), (middle, m) = pairs[:2]
+    if order is None:
+        coarse, c = pairs[2]
+        order = 1.0 if c == m == f else _order(fine, middle, coarse, (c - m) / (m - f) if m != f else math.inf)
+    if not order > 0.0 or not math.isfinite(order):
+        return Extrapolation(math.nan, math.nan, math.nan, "the differences of the values do not fall by a power of h")
+    error = (m - f) / ((middle / fine) ** order - 1.0)
+    return Extrapolation(f - error, order, error)
+
+
+def _order(fine: float, middle: float, coarse: float, quotient: float) -> float:
+    """Return p with (coarse^p - middle^p)/(middle^p - fine^p) = quotient; NaN if none is between 0 and 60."""
+
+    def misses(p: float) -> float:
+        large, small = math.log(coarse / middle), math.log(fine / middle)
+        return math.expm1(p * large) / -math.expm1(p * small) - quotient  # grows with p
+
+    low, high = 1e-9, min(60.0, 600.0 / math.log(coarse / fine))
+    if not math.isfinite(quotient) or misses(low) >= 0.0 or misses(high) <= 0.0:
+        return math.nan
+    for _ in range(80):
+        p = (low + high) / 2
+        low, high = (p, high) if misses(p) < 0.0 else (low, p)
+    return (low + high) / 2
+
+
+# Crossings and extrema --------------------------------------------------------------------------------------------
+
+
+def _signal(t: ArrayLike, y: ArrayLike) -> tuple[Array, Array]:
+    times, values = np.asarray(t, dtype=np.float64), np.asarray(y, dtype=np.float64)
+    if times.ndim != 1 or times.shape != values.shape:
+        raise ValueError(f"times and values must be two lists of the same length, not {times.shape}, {values.shape}")
+    if not (np.isfinite(times).all() and np.isfinite(values).all()):
+        raise ValueError("a time or value is not finite")
+    if (np.diff(times) <= 0.0).any():
+        raise ValueError("the times do not increase")
+    return times, values
+
+
+def _too_few(crossings: Array, periods: int) -> str:
+    found = max(len(crossings) - 1, 0)
+    return f"{found} full period{'s' * (found != 1)} found, {periods} needed"
+
+
+def _crossings(t: Array, y: Array, count: int) -> Array:
+    """Return the times at which y crosses its mean upwards, at the end of the signal.
+
+    Of the parts at the end of the signal, each longer than the one before, the first with more than `count` crossings
+    is taken: a drift at the start must not count. If none has them, it is that with most crossings.
+    """
+    if not len(t) or np.ptp(y) <= _ROUNDING * np.abs(y).max():
+        return np.empty(0)
+    best = np.empty(0)
+    for part in _PARTS:
+        first = int(np.searchsorted(t, t[-1] - part * (t[-1] - t[0])))
+        if len(t) - first >= 4:
+            found = _crossings_of(t[first:], y[first:])
+            if len(found) > len(best) and _regular(found):
+                best = found
+            if len(best) > count:
+                break
+    return best
+
+
+def _regular(crossings: Array) -> bool:
+    """Return whether no period is more than twice another: else it is noise or a drift that crosses the mean."""
+    periods = np.diff(crossings)
+    return not len(periods) or float(periods.max()) <= 2.0 * float(periods.min())
+
+
+def _crossings_of(t: Array, y: Array) -> Array:
+    """Return the upward crossings of (max + min)/2, where max and min are those of the last period."""
+    found = _places(y, float(y.max() + y.min()) / 2, float(np.ptp(y)) / 2)
+    if len(found) >= 2:
+        last = y[found[-2] : found[-1] + 2]
+        found = _places(y, float(last.max() + last.min()) / 2, float(np.ptp(last)) / 2)
+    if len(found) < 2:
+        return t[found]
+    last = y[found[-2] : found[-1] + 2]
+    level, period = float(last.max() + last.min()) / 2, float(t[found[-1]] - t[found[-2]])
+    # The mean of the maximum and the minimum themselves, not of the values beside them.
+    lowest, highest = _extrema(t, y, float(t[found[-2]]), float(t[found[-2]]) + period, period)
+    level = (lowest + highest) / 2
+    return np.array([_crossing(t, y, place, level, period) for place in found])
+
+
+def _places(y: Array, level: float, amplitude: float) -> NDArray[np.intp]:
+    """Return i for every crossing of the level upwards between i and i + 1: from well below it to well above."""
+    side = np.where(y > level + _THRESHOLD * amplitude, 1, np.where(y < level - _THRESHOLD * amplitude, -1, 0))
+    far = np.flatnonzero(side)
+    rises = np.flatnonzero(np.diff(side[far]) > 0)
+    places = []
+    for before, after in zip(far[rises], far[rises + 1], strict=True):
+        between = y[before : after + 1]
+        up = before + np.flatnonzero((between[:-1] <= level) & (between[1:] > level))
+        places.append(up[len(up) // 2])
+    return np.array(places, dtype=np.intp)
+
+
+def _crossing(t: Array, y: Array, place: int, level: float, period: float) -> float:
+    """Return where y crosses the level near the points `place` and `place` + 1, s."""
+    middle = t[place] + (t[place + 1] - t[place]) * (level - y[place]) / (y[place + 1] - y[place])
+    near = np.flatnonzero(np.abs(t - middle) <= _AT_CROSSING * period)
+    if len(near) < 5:
+        near = np.arange(max(place - 1, 0), min(place + 3, len(t)))
+    degree = min(3, len(near) - 1)
+    x = (t[near] - middle) / period
+    roots = np.roots(np.polyfit(x, y[near] - level, degree))
+    real = roots[np.abs(roots.imag) < 1e-9 * (1.0 + np.abs(roots.real))].real
+    root = float(real[np.argmin(np.abs(real))]) if len(real) else math.nan
+    return float(middle + period * root) if abs(root) <= _AT_CROSSING else float(middle)
+
+
+def _extrema(t: Array, y: Array, start: float, end: float, own: float | None = None) -> tuple[float, float]:
+    """Return the smallest and the largest value of y from start to end, between the points, too.
+
+    Args:
+        t: times, s.
+        y: values.
+        start: s.
+        end: s.
+        own: period of y in s; None: that of its strongest harmonic.
+    """
+    inside = np.flatnonzero((t >= start) & (t <= end))
+    if not len(inside):
+        ends = np.interp([start, end], t, y)
+        return float(ends.min()), float(ends.max())
+    period = own or (end - start) / _strongest(t, y, start, end)
+    low, high = inside[np.argmin(y[inside])], inside[np.argmax(y[inside])]
+    return -_peak(t, -y, int(low), period), _peak(t, y, int(high), period)
+
+
+def _peak(t: Array, y: Array, place: int, period: float) -> float:
+    """Return the maximum near the point `place`, which no point around it exceeds."""
+    if not 0 < place < len(t) - 1 or y[place] < max(y[place - 1], y[place + 1]):
+        return float(y[place])
+    near = np.flatnonzero(np.abs(t - t[place]) <= _AT_PEAK * period)
+    degree = 4
+    if len(near) < 7:
+        near, degree = np.arange(place - 1, place + 2), 2
+    x = (t[near] - t[place]) / period
+    polynomial = np.polyfit(x, y[near] - y[place], degree)
+    return float(y[place] + np.polyval(polynomial, np.linspace(x[0], x[-1], 401)).max())
+
+
+def _strongest(t: Array, y: Array, start: float, end: float) -> int:
+    """Return the number of the strongest harmonic of y from start to end, whose length is one period."""
+    grid = start + (end - start) * np.arange(256) / 256
+    values = np.interp(grid, t, y)
+    size = np.abs(np.fft.rfft(values - values.mean()))[1 : _HARMONICS + 1]
+    return int(np.argmax(size)) + 1

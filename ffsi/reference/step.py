@@ -1,0 +1,47 @@
+"""One step of the theta scheme: its weights, and the state that it starts from."""
+
+import math
+from dataclasses import dataclass
+
+from ffsi.rawfiles import RawState
+from ffsi.reference.materials import Array
+
+
+@dataclass(frozen=True)
+class Step:
+    """A step of length ``k`` seconds that ends at ``time`` seconds; ``theta``, above 0, is the new state's weight.
+
+    theta is 1 for backward Euler and 1/2 for Crank-Nicolson. Raises ``ValueError`` for other numbers.
+    """
+
+    k: float
+    theta: float
+    time: float
+
+    def __post_init__(self) -> None:
+        """Refuse numbers that are no step."""
+        if not (0.0 < self.k < math.inf and 0.0 < self.theta <= 1.0 and math.isfinite(self.time)):
+            raise ValueError(f"no time step: k = {self.k!r} s, theta = {self.theta!r}, time = {self.time!r} s")
+
+    @property
+    def start(self) -> float:
+        """Time at which the step starts, seconds."""
+        return self.time - self.k
+
+    def mean(self, new: Array, old: Array) -> Array:
+        """Weighted mean theta new + (1 - theta) old of two arrays of one shape."""
+        result: Array = self.theta * new + (1.0 - self.theta) * old
+        return result
+
+    def rate(self, new: Array, old: Array) -> Array:
+        """Difference quotient (new - old) / k of two arrays of one shape, per second."""
+        result: Array = (new - old) / self.k
+        return result
+
+
+@dataclass(frozen=True)
+class Increment:
+    """A step and the state at its start."""
+
+    old: RawState
+    step: Step

@@ -1,0 +1,93 @@
+"""Time: the scheme, its steps, when a computation ends and when fields are written."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Literal, Self
+
+from pydantic import Field, StrictBool, model_validator
+
+from ffsi.scene.base import Table, refuse
+from ffsi.scene.errors import Problem, number_text, short
+from ffsi.scene.units import Duration, PositiveNumber, Rate
+
+SMALLEST_STEP = 1e-3
+"""What `time.smallest_step` is where it is not given, as a part of `time.step`."""
+
+
+class Time(Table):
+    """The steps in time from t = 0, of a theta scheme; a scene without this table is steady.
+
+    The last step, and those before an output, are shortened so that they end where they should.
+    """
+
+    scheme: Literal["shifted-crank-nicolson", "crank-nicolson", "backward-euler"] = Field(
+        "shifted-crank-nicolson",
+        description='"shifted-crank-nicolson" (theta = 1/2 + shift step, at most 1), "crank-nicolson" (theta = 1/2) '
+        'or "backward-euler" (theta = 1)',
+    )
+    shift: Rate = Field(1.0, description="shift of theta per time step, shifted-crank-nicolson only, 1/s")
+    step: Duration = Field(description="time step, with adaptive the first and the largest one, s")
+    end: Duration = Field(description="time at which the computation ends, s")
+    stop: Literal["end", "periodic"] = Field(
+        "end", description='when to stop: at the "end", or before it as soon as the motion is "periodic"'
+    )
+    adaptive: StrictBool = Field(False, description="choose each step by its local error (true or false)")
+    smallest_step: Duration | None = Field(
+        None, description="smallest step (adaptive only; a thousandth of step if absent), s"
+    )
+    error: PositiveNumber = Field(
+        1e-3, description="accepted local error of a step, relative, adaptive only, dimensionless"
+    )
+    output_interval: Duration | None = Field(
+        None, description="fields are written at its multiples and at the end (only at the end if absent), s"
+    )
+    checkpoint_interval: Duration | None = Field(
+        None, description="simulated time between two checkpoints (every 100 steps if absent), s"
+    )
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        refuse(list(self._problems()))
+        return self
+
+    def _problems(self) -> Iterator[Problem]:
+        step = f"step = {number_text(self.step)} s"
+        for key in ("end", "output_interval", "checkpoint_interval"):
+            value = getattr(self, key)
+            if value is not None and value < self.step:
+                yield Problem(key, f"must be at least {step}", f"{short(value)} s")
+        if self.smallest_step is None:
+            return
+        if not self.adaptive:
+            yield Problem("smallest_step", "only accepted with adaptive = true", f"{short(self.smallest_step)} s")
+        elif self.smallest_step > self.step:
+            yield Problem("smallest_step", f"must be at most {step}", f"{short(self.smallest_step)} s")
+
+    def theta_of(self, step: float) -> float:
+        """Return the weight of the new time level for a step in s, 1/2 to 1, dimensionless."""
+        match self.scheme:
+            case "backward-euler":
+                return 1.0
+            case "crank-nicolson":
+                return 0.5
+        return min(1.0, 0.5 + self.shift * step)
+
+    @property
+    def theta(self) -> float:
+        """Weight of the new time level for the full step, 1/2 to 1, dimensionless."""
+        return self.theta_of(self.step)
+
+    @property
+    def least_step(self) -> float:
+        """Smallest step in s that the adaptive choice may take; `step` without it."""
+        if not self.adaptive:
+            return self.step
+        return SMALLEST_STEP * self.step if self.smallest_step is None else self.smallest_step
+
+    @property
+    def steps(self) -> int:
+        """Number of full steps (the last may be shorter) from 0 to the end."""
+        # A quotient such as 10/0.005 must not be rounded up.
+        return math.ceil(self.end / self.step * (1.0 - 1e-12))

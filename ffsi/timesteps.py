@@ -1,0 +1,183 @@
+"""Files of a computation in time (docs/formats.md): its history, the steps with saved states, its checkpoints."""
+
+from __future__ import annotations
+
+import io
+import logging
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from ffsi import folder
+from ffsi.folder import InputError
+from ffsi.rawfiles import RawFileError, read_arrays
+
+logger = logging.getLogger(__name__)
+
+CHECKPOINT_VERSION = 1
+_LAYOUT = (int, float, float, float, float, int)
+_SAME = 1e-9
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """A complete checkpoint: its file, the number of the last step before it, and the time in s at that step's end."""
+
+    path: Path
+    step: int
+    time: float
+
+
+@dataclass(frozen=True)
+class SavedStep:
+    """A step whose states were written: one to be drawn, and to be checked.
+
+    Attributes:
+        step: its number, from 1.
+        time: at its end, s.
+        k: its length, s.
+        theta: weight of its end, dimensionless.
+        old: name of the file with the state at its start.
+        new: name of the file with the state at its end.
+        quantities: drag and lift at its end, N/m; none without a fluid.
+    """
+
+    step: int
+    time: float
+    k: float
+    theta: float
+    old: str
+    new: str
+    quantities: dict[str, float]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the entry of `steps.json`."""
+        return dict(vars(self))
+
+
+def read_history(directory: Path) -> pd.DataFrame:
+    """Return `history.csv`: one row per step.
+
+    Columns `time`, `step` (the length of the step), both s, `drag`, `lift` (N/m, with a fluid), `tip_ux`, `tip_uy` (m,
+    with a solid), `min_jacobian`, `iterations`, `factorized` (both numbers of the step) and `seconds` (since the start
+    of the process). A line that was cut off by a kill is left out.
+
+    Raises:
+        InputError: the file is missing or damaged.
+    """
+    return _read_table(directory / folder.TIME_HISTORY)
+
+
+def read_saved_steps(directory: Path) -> list[SavedStep]:
+    """Return the steps whose states were written, in time; none if there is no `steps.csv`.
+
+    Raises:
+        InputError: the file is damaged.
+    """
+    path = directory / folder.STEPS
+    if not path.is_file():
+        return []
+    table = _read_table(path)
+    found = []
+    for row in table.to_dict("records"):
+        try:
+            forces = {str(name): float(row[name]) for name in ("drag", "lift") if math.isfinite(float(row[name]))}
+            found.append(
+                SavedStep(
+                    int(row["step"]), float(row["time"]), float(row["k"]), float(row["theta"]), str(row["old"]),
+                    str(row["new"]), forces,
+                )
+            )  # fmt: skip
+        except (KeyError, ValueError) as error:
+            raise InputError(f"{path} is damaged: {error}") from error
+    return [step for step in found if (directory / step.old).is_file() and (directory / step.new).is_file()]
+
+
+def write_steps_json(directory: Path) -> None:
+    """Turn `steps.csv` into `steps.json`, which the checker reads."""
+    entries = [step.as_dict() for step in read_saved_steps(directory)]
+    folder.write_text(directory / folder.STEPS_JSON, folder.to_json(entries))
+
+
+def newest_checkpoint(directory: Path) -> Checkpoint | None:
+    """Return the latest checkpoint that is complete and fits the history; None without one."""
+    try:
+        times = read_history(directory)["time"].to_numpy(dtype=np.float64)
+    except (InputError, KeyError):
+        return None
+    found = [
+        checkpoint
+        for name in folder.CHECKPOINTS
+        if (checkpoint := _read_checkpoint(directory / name)) is not None
+        and 1 <= checkpoint.step <= len(times)
+        and abs(times[checkpoint.step - 1] - checkpoint.time) <= _SAME * checkpoint.time
+    ]
+    return max(found, key=lambda checkpoint: checkpoint.step, default=None)
+
+
+def keep_checkpoint(checkpoint: Checkpoint) -> Path:
+    """Give a checkpoint the name that the script does not write to first; return its file."""
+    kept = checkpoint.path.with_name(folder.CHECKPOINTS[-1])
+    if checkpoint.path != kept:
+        checkpoint.path.replace(kept)
+    return kept
+
+
+def cut_back(directory: Path, step: int) -> None:
+    """Take everything after a step out of the tables, and the states written after it out of the folder."""
+    lines = _lines(directory / folder.TIME_HISTORY)
+    folder.write_text(directory / folder.TIME_HISTORY, "".join(lines[: step + 1]))
+    for name in (folder.HISTORY, folder.STEPS):
+        head, *rows = _lines(directory / name) or [""]
+        folder.write_text(directory / name, head + "".join(row for row in rows if _number(row) <= step))
+    kept = {name for saved in read_saved_steps(directory) for name in (saved.old, saved.new)}
+    for path in directory.glob(folder.STATES):
+        if path.name not in kept:
+            path.unlink()
+
+
+def _read_checkpoint(path: Path) -> Checkpoint | None:
+    if not path.is_file():
+        return None
+    try:
+        head, times, *states, mark = read_arrays(path, _LAYOUT)
+    except RawFileError as error:  # half written when the run was killed
+        logger.debug("%s", error)
+        return None
+    whole = (
+        len(head) == len(times) == 5
+        and int(head[0]) == CHECKPOINT_VERSION
+        and mark.tolist() == [int(head[1])]
+        and all(len(state) == int(head[2]) and bool(np.isfinite(state).all()) for state in states)
+    )
+    return Checkpoint(path, int(head[1]), float(times[0])) if whole else None
+
+
+def _read_table(path: Path) -> pd.DataFrame:
+    lines = _lines(path)
+    if not lines:
+        raise InputError(f"{path} is missing or empty")
+    try:
+        return pd.read_csv(io.StringIO("".join(lines)), skipinitialspace=True)
+    except ValueError as error:
+        raise InputError(f"{path} is damaged: {error}") from error
+
+
+def _lines(path: Path) -> list[str]:
+    """Return the complete lines of a file, none if it is not there."""
+    if not path.is_file():
+        return []
+    lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
+    return lines if not lines or lines[-1].endswith("\n") else lines[:-1]
+
+
+def _number(row: str) -> float:
+    """Return the number of the step at the start of a row; infinity if there is none."""
+    try:
+        return int(row.partition(",")[0])
+    except ValueError:
+        return math.inf

@@ -1,0 +1,306 @@
+"""Computations in time: when the motion is periodic, what the run comes to, and how a killed one goes on."""
+
+from __future__ import annotations
+
+import logging
+import math
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from ffsi import folder, metrics
+from ffsi.folder import InputError
+from ffsi.freefem import Event
+from ffsi.metrics import Oscillation, Periodicity
+from ffsi.result import unit
+from ffsi.scene import Scene, load_scene
+from ffsi.timesteps import cut_back, keep_checkpoint, newest_checkpoint, read_history, write_steps_json
+
+logger = logging.getLogger(__name__)
+
+PERIODS = 2 * metrics.BLOCK + 2
+"""Periods, at least, between the end of the inflow's ramp and a stop."""
+LOOK_EVERY = 2.0
+"""Seconds of wall time, at least, between two looks at the history."""
+STOPPED = "stopped"
+"""`failure` of a run that was asked to end before its end."""
+RESUMABLE = ("crash", STOPPED)
+_GO_ON, _STOP_PERIODIC = "0\n", "1 periodic\n"
+
+
+# While it runs ----------------------------------------------------------------------------------------------------
+
+
+class Watch:
+    """Follows a running computation: reports its mean, amplitude and frequency, and ends it when it is periodic.
+
+    A listener that passes every event on and adds, every few seconds, `signal` events with `name`, `unit`, `mean`,
+    `amplitude` (both in that unit) and `frequency` (Hz) of the last full period of the tip's u_y, or of the lift.
+    """
+
+    def __init__(
+        self, scene: Scene, directory: Path, on_event: Callable[[Event], None] | None = None, *,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:  # fmt: skip
+        """Watch the run of `scene` in `directory`."""
+        self.scene, self.directory, self.on_event, self.clock = scene, directory, on_event, clock
+        self.stopped = False
+        self._tail = _Tail(directory / folder.TIME_HISTORY)
+        self._next = clock() + LOOK_EVERY
+
+    def __call__(self, event: Event) -> None:
+        """Take one event of the script."""
+        if self.on_event is not None:
+            self.on_event(event)
+        if event.kind == "time" and self.clock() >= self._next:
+            begin = self.clock()
+            self.look()
+            now = self.clock()
+            self._next = now + max(LOOK_EVERY, 20.0 * (now - begin))  # a long history must not cost more and more
+
+    def look(self) -> None:
+        """Read what is new in the history, report the last period, and ask the script to end if it is periodic."""
+        name, times, values = self._tail.read()
+        try:
+            found = metrics.mean_amplitude_frequency(times, values)
+            periodic = not self.stopped and self._stops and bool(settled(self.scene, times, values))
+        except ValueError as error:  # the computation is about to fail
+            logger.debug("%s: %s", self.directory, error)
+            return
+        if self.on_event is not None and math.isfinite(found.frequency):
+            self.on_event(Event("signal", {"name": name, "unit": unit(name), **found.as_dict()}))
+        if periodic:
+            folder.write_text(self.directory / folder.STOP, _STOP_PERIODIC)
+            self.stopped = True
+
+    @property
+    def _stops(self) -> bool:
+        return self.scene.time is not None and self.scene.time.stop == "periodic"
+
+
+class _Tail:
+    """The times and the signal of a history that grows; every line is read once."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.name = ""
+        self.times: list[float] = []
+        self.values: list[float] = []
+        self._offset = 0
+        self._column = -1
+
+    def read(self) -> tuple[str, Sequence[float], Sequence[float]]:
+        """Return the signal's name, the times (s) and the values up to now."""
+        if self.path.is_file():
+            with self.path.open("rb") as file:
+                file.seek(self._offset)
+                whole = file.read().rpartition(b"\n")
+            self._offset += len(whole[0]) + len(whole[1])
+            for line in whole[0].decode("utf-8", errors="replace").splitlines():
+                self._take(line.split(","))
+        return self.name, self.times, self.values
+
+    def _take(self, cells: list[str]) -> None:
+        if not self.name:
+            self.name = metrics.reference_column(pd.DataFrame(columns=cells)) or ""
+            self._column = cells.index(self.name) if self.name else -1
+        elif self._column >= 0:
+            self.times.append(float(cells[0]))
+            self.values.append(float(cells[self._column]))
+
+
+def settled(scene: Scene, times: Sequence[float], values: Sequence[float]) -> Periodicity:
+    """Return whether a signal is periodic, long enough after the ramp of the inflow.
+
+    Args:
+        scene: what is computed.
+        times: s.
+        values: of the signal.
+
+    Raises:
+        ValueError: a time or value is not finite.
+    """
+    found = metrics.periodic(times, values)
+    if not found:
+        return found
+    ramp = (scene.inflow.ramp if scene.inflow else None) or 0.0
+    period = 1.0 / metrics.mean_amplitude_frequency(times, values).frequency
+    after = (float(times[-1]) - ramp) / period
+    if after >= PERIODS:
+        return found
+    text = f"only {max(after, 0.0):.1f} periods since the inflow is constant, {PERIODS} needed"
+    return Periodicity(False, found.amplitude_change, found.mean_change, text)
+
+
+# When it has ended ------------------------------------------------------------------------------------------------
+
+
+def complete(data: dict[str, Any], scene: Scene, directory: Path) -> None:
+    """Put what the whole computation comes to into the content of `result.json`, and write `steps.json`.
+
+    The quantities become mean, amplitude and frequency over the last period; those of the last state move to
+    `time.last`. A run that was asked to stop before its end gets the failure `stopped`.
+    """
+    assert scene.time is not None
+    write_steps_json(directory)
+    last = data["quantities"]
+    try:
+        history = with_coefficients(scene, read_history(directory))
+    except InputError:  # it died before the first step
+        history = pd.DataFrame({"time": []})
+    reached = float(history["time"].iloc[-1]) if len(history) else 0.0
+    data["quantities"] = _quantities(history)
+    data["newton"] = _counts(directory, history)
+    data["time"] = {
+        "reached": reached, "end": scene.time.end, "steps": len(history), **_periodicity(scene, directory, history),
+        "last": last,
+    }  # fmt: skip
+    ended = reached >= scene.time.end * (1.0 - 1e-9)
+    if not data["failure"] and not ended and not (data["time"]["periodic"] and scene.time.stop == "periodic"):
+        data["status"], data["failure"] = "failed", STOPPED
+        data["reason"] = f"stopped at t = {reached:g} s of {scene.time.end:g} s"
+
+
+def with_coefficients(scene: Scene, history: pd.DataFrame) -> pd.DataFrame:
+    """Return the history with two more columns, `drag_coefficient` and `lift_coefficient` (dimensionless)."""
+    if scene.fluid is None or scene.inflow is None or scene.forces is None or "drag" not in history:
+        return history
+    unit = 0.5 * scene.fluid.density * scene.inflow.mean_velocity**2 * scene.forces.reference_length
+    if not unit > 0:
+        return history
+    return history.assign(drag_coefficient=history["drag"] / unit, lift_coefficient=history["lift"] / unit)
+
+
+def last_period(history: pd.DataFrame) -> Oscillation | None:
+    """Return the last full period of the reference signal (`start` and `end` in s); None without one."""
+    name = metrics.reference_column(history)
+    if name is None or history.empty:
+        return None
+    try:
+        found = metrics.mean_amplitude_frequency(history["time"], history[name])
+    except ValueError:
+        return None
+    return found if math.isfinite(found.start) else None
+
+
+def _quantities(history: pd.DataFrame) -> dict[str, Any]:
+    if history.empty:
+        return {}
+    found: dict[str, Any] = {}
+    try:
+        for name, parts in metrics.quantities_of_history(history).items():
+            found[name] = {part: value if math.isfinite(value) else None for part, value in parts.items()}
+    except ValueError as error:
+        logger.warning("no mean, amplitude and frequency: %s", error)
+    if "min_jacobian" in history:
+        found["min_jacobian"] = float(history["min_jacobian"].min())
+    return found
+
+
+def _counts(directory: Path, history: pd.DataFrame) -> dict[str, int]:
+    """Return iterations of all steps, and factorisations, those of refused steps among them."""
+    if history.empty:
+        return {}
+    newton = directory / folder.HISTORY
+    try:
+        fresh = int(pd.read_csv(newton)["factorized"].sum())
+    except (OSError, KeyError, ValueError):
+        fresh = int(history["factorized"].sum())
+    return {"iterations": int(history["iterations"].sum()), "factorizations": fresh}
+
+
+def _periodicity(scene: Scene, directory: Path, history: pd.DataFrame) -> dict[str, Any]:
+    """Return `periodic` and why it is not, in words."""
+    name = metrics.reference_column(history)
+    if name is None or history.empty:
+        return {"periodic": False, "why_not": "no signal to judge by"}
+    try:
+        found = settled(scene, history["time"].to_list(), history[name].to_list())
+    except ValueError as error:
+        return {"periodic": False, "why_not": str(error)}
+    # What was found periodic while it ran stays so, although the script went on for some steps.
+    stop = directory / folder.STOP
+    if found or (stop.is_file() and stop.read_text(encoding="utf-8") == _STOP_PERIODIC):
+        return {"periodic": True, "why_not": ""}
+    return {"periodic": False, "why_not": f"{name}: {found.reason}"}
+
+
+# Going on ---------------------------------------------------------------------------------------------------------
+
+
+def check_resumable(directory: Path) -> Scene:
+    """Return the scene of a run that can go on; writes nothing.
+
+    Raises:
+        InputError: no run folder, a sweep or a part of one, a steady run, or a finished one.
+        SceneError: its `scene.toml` cannot be read.
+    """
+    if folder.is_sweep_folder(directory) or (directory / folder.CHAIN).is_file():
+        raise InputError(f"{directory} belongs to a sweep; the same call of ffsi sweep goes on with it")
+    if not folder.is_run_folder(directory):
+        missing = "" if directory.exists() else " (it does not exist)"
+        raise InputError(f"{directory} is no run folder of ffsi{missing}; there is nothing to resume")
+    scene = load_scene(str(directory / folder.SCENE), [])
+    _refuse_finished(scene, directory, directory / folder.RESULT)
+    return scene
+
+
+def _refuse_finished(scene: Scene, directory: Path, result: Path) -> None:
+    if scene.time is None:
+        raise InputError(f"{directory} holds a steady run; only runs in time can be resumed")
+    if not result.is_file():
+        return
+    data = folder.read_json(result)
+    if data.get("failure", "") not in RESUMABLE:
+        ending = "converged" if not data.get("failure") else f"failed: {data.get('reason')}"
+        raise InputError(f"the run in {directory} is finished ({ending}); there is nothing to resume")
+
+
+def prepare_resume(scene: Scene, directory: Path, result: Path) -> Mapping[str, str] | None:
+    """Bring a folder into the state in which its script can go on.
+
+    Everything after the newest complete checkpoint is removed; without a checkpoint, everything.
+
+    Args:
+        scene: what to solve; that of the folder.
+        directory: the run folder.
+        result: the result file of a run that has ended, if it is there.
+
+    Returns:
+        The script's arguments; None if the script had ended and only its files have to be read.
+
+    Raises:
+        InputError: the run is finished, steady or one of another scene.
+    """
+    if load_scene(str(directory / folder.SCENE), []) != scene:
+        raise InputError(
+            f"{directory} holds a run of another scene; give another folder, or the scene in {folder.SCENE}"
+        )
+    _refuse_finished(scene, directory, result)
+    if not result.is_file() and _ended(directory):
+        return None
+    checkpoint = newest_checkpoint(directory)
+    folder.keep_log(directory)
+    if checkpoint is None:
+        folder.clear(directory, keep=(*folder.DEFINITION, folder.LOGS))
+        return {}
+    folder.clear(directory, keep=(*folder.DEFINITION, folder.LOGS, *folder.IN_TIME, folder.HISTORY, folder.MESH))
+    cut_back(directory, checkpoint.step)
+    folder.write_text(directory / folder.STOP, _GO_ON)
+    logger.info("%s: going on from t = %g s", directory, checkpoint.time)
+    return {"resume": str(keep_checkpoint(checkpoint).absolute())}
+
+
+def _ended(directory: Path) -> bool:
+    """Return whether the script has written its last file."""
+    for name in (folder.numbered("point.json", 1), folder.FAILED):
+        if (directory / name).is_file():
+            try:
+                folder.read_json(directory / name)
+            except InputError:  # cut off
+                continue
+            return True
+    return False

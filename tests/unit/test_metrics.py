@@ -1,0 +1,333 @@
+"""Mean, amplitude and frequency of signals that are known exactly; limits of refinements."""
+
+import math
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from ffsi.metrics import (
+    Array,
+    extrema,
+    mean_amplitude_frequency,
+    oscillations,
+    periodic,
+    quantities_of_history,
+    reference_column,
+    richardson,
+    strouhal,
+)
+
+F = 5.46  # Hz
+STEP = 0.005  # s, 37 steps in a period
+
+
+def times(end: float, step: float = STEP) -> Array:
+    return np.arange(round(end / step) + 1) * step
+
+
+def wave(t: Array, mean: float, amplitude: float, frequency: float = F, phase: float = 0.3) -> Array:
+    return mean + amplitude * np.sin(2 * np.pi * frequency * t + phase)
+
+
+def growth(t: Array, rate: float = 2.0, full: float = 4.0) -> Array:
+    """Exponential growth that is complete at the time `full`."""
+    return np.minimum(1.0, np.exp(rate * (t - full)))
+
+
+def fsi3(t: Array) -> pd.DataFrame:
+    """A history like that of the benchmark: growth, then saturation; drag and tip_ux with twice the frequency."""
+    size = growth(t)
+    return pd.DataFrame(
+        {
+            "time": t,
+            "step": STEP,
+            "drag": 457.3 * (1 - np.exp(-3 * t)) + size * wave(t, 0, 22.66, 2 * F),
+            "lift": size * wave(t, 2.22, 149.78, phase=1.0),
+            "tip_ux": size * wave(t, -2.69, 2.53, 2 * F, 2.0),
+            "tip_uy": 1.48 + size * wave(t, 0, 34.38),
+            "min_jacobian": 0.4,
+            "iterations": 3,
+            "seconds": 0.01,
+        }
+    )
+
+
+# Mean, amplitude and frequency ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("step", "tolerance"), [(0.01, 3e-4), (STEP, 2e-6), (0.001, 2e-6)])
+def test_sine(step: float, tolerance: float) -> None:
+    t = times(1.5, step)
+    found = mean_amplitude_frequency(t, wave(t, 1.48, 34.38))
+    assert found.amplitude == pytest.approx(34.38, rel=tolerance)
+    assert found.mean == pytest.approx(1.48, abs=34.38 * tolerance)
+    assert found.frequency == pytest.approx(F, rel=1e-5)
+    assert found.end - found.start == pytest.approx(1 / F, rel=1e-5)
+    assert 1.5 - 1 / F < found.end <= 1.5
+    assert not found.reason
+    assert (found.highest, found.lowest, found.peak_to_peak) == pytest.approx((35.86, -32.90, 68.76), rel=2e-3)
+
+
+def test_the_time_step_does_not_limit_the_amplitude() -> None:
+    # Ten points in a period that always miss the maximum: the largest of them is 5 % below it.
+    t = np.arange(41) / 10
+    y = np.cos(2 * np.pi * (t - 0.05))
+    assert y.max() < 0.952
+    assert mean_amplitude_frequency(t, y).amplitude == pytest.approx(1.0, abs=4e-3)
+
+
+def test_uneven_steps() -> None:
+    random = np.random.default_rng(2)
+    t = np.cumsum(random.uniform(0.2, 1.8, 600)) * STEP
+    found = mean_amplitude_frequency(t, wave(t, 1.48, 34.38))
+    assert (found.mean, found.amplitude, found.frequency) == pytest.approx((1.48, 34.38, F), rel=2e-3)
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("step", [STEP, 0.001])
+def test_noise(step: float, seed: int) -> None:
+    t = times(3.0, step)
+    random = np.random.default_rng(seed)
+    found = mean_amplitude_frequency(t, wave(t, 1.48, 34.38) + random.normal(0, 0.3438, len(t)))
+    assert found.amplitude == pytest.approx(34.38, rel=0.015)
+    assert found.mean == pytest.approx(1.48, abs=0.015 * 34.38)
+    assert found.frequency == pytest.approx(F, rel=0.005)
+
+
+def test_several_harmonics() -> None:
+    t, fine = times(2.0), np.linspace(0, 1 / F, 200001)
+
+    def signal(t: Array) -> Array:
+        return 2.5 + wave(t, 0, 150) + wave(t, 0, 45, 3 * F, 1.1) + wave(t, 0, 10, 2 * F, 0.4)
+
+    exact = signal(fine)
+    found = mean_amplitude_frequency(t, signal(t))
+    assert found.amplitude == pytest.approx(np.ptp(exact) / 2, rel=1e-3)
+    assert found.mean == pytest.approx((exact.max() + exact.min()) / 2, abs=0.2)
+    assert found.frequency == pytest.approx(F, rel=5e-3)
+
+
+def test_the_period_is_that_of_the_reference() -> None:
+    t = times(2.0, 0.001)
+    reference = wave(t, 1.48, 34.38)
+    # Maxima of two heights in turn: only the reference's period holds both.
+    y = wave(t, -2.88, 2.72, 2 * F, 0.6) + wave(t, 0, 0.3, F)
+    fine = np.linspace(0, 1 / F, 100001)
+    exact = wave(fine, -2.88, 2.72, 2 * F, 0.6) + wave(fine, 0, 0.3, F)
+    found = mean_amplitude_frequency(t, y, reference)
+    assert found.amplitude == pytest.approx(np.ptp(exact) / 2, rel=1e-5)
+    assert found.mean == pytest.approx((exact.max() + exact.min()) / 2, rel=1e-5)
+    assert found.frequency == pytest.approx(2 * F, rel=1e-6)
+    assert mean_amplitude_frequency(t, y).amplitude < found.amplitude - 1e-3
+    assert extrema(t, y, reference) == pytest.approx((exact.min(), exact.max()), abs=1e-5)
+
+
+def test_a_drifting_start_does_not_count() -> None:
+    t = times(6.0)
+    drag = 457.3 * (1 - np.exp(-3 * t)) + growth(t) * wave(t, 0, 5.0)
+    found = mean_amplitude_frequency(t, drag)
+    assert (found.mean, found.amplitude, found.frequency) == pytest.approx((457.3, 5.0, F), rel=1e-4)
+
+
+@pytest.mark.parametrize("rate", [0.5, 2.0, 8.0])
+def test_growing_then_saturated(rate: float) -> None:
+    t = times(6.0)
+    y = 1.48 + growth(t, rate) * wave(t, 0, 34.38)
+    found = mean_amplitude_frequency(t, y)
+    assert (found.mean, found.amplitude, found.frequency) == pytest.approx((1.48, 34.38, F), rel=1e-4)
+
+
+@pytest.mark.parametrize(("periods", "reason"), [(0.3, "0 full periods found"), (0.9, "0 full periods found")])
+def test_short_signals(periods: float, reason: str) -> None:
+    t = times(periods / F, 0.001)
+    found = mean_amplitude_frequency(t, wave(t, 0, 1, phase=-2.0))
+    assert all(math.isnan(value) for value in found.as_dict().values())
+    assert found.reason == f"{reason}, 1 needed"
+    assert all(math.isnan(value) for value in extrema(t, wave(t, 0, 1, phase=-2.0)))
+
+
+def test_two_periods_are_enough() -> None:
+    t = times(2.1 / F, 0.001)
+    found = mean_amplitude_frequency(t, wave(t, 1.48, 34.38))
+    assert (found.amplitude, found.frequency) == pytest.approx((34.38, F), rel=1e-4)
+
+
+@pytest.mark.parametrize("y", [np.full(50, 3.0), np.zeros(50), np.linspace(0, 1, 50), np.exp(-np.linspace(0, 9, 50))])
+def test_what_does_not_oscillate_has_no_period(y: Array) -> None:
+    found = mean_amplitude_frequency(np.linspace(0, 1, 50), y)
+    assert math.isnan(found.amplitude)
+    assert found.reason == "0 full periods found, 1 needed"
+    assert not periodic(np.linspace(0, 1, 50), y)
+
+
+def test_few_values() -> None:
+    for count in range(4):
+        assert math.isnan(mean_amplitude_frequency(np.arange(count), np.arange(count)).mean)
+
+
+def test_a_constant_beside_an_oscillating_reference() -> None:
+    t = times(2.0)
+    found = mean_amplitude_frequency(t, np.full_like(t, 3.0), wave(t, 0, 1))
+    assert (found.mean, found.amplitude) == (3.0, 0.0)
+    assert math.isnan(found.frequency)
+    assert found.reason == "the signal is constant"
+
+
+@pytest.mark.parametrize(
+    ("t", "y", "text"),
+    [
+        ([0, 1], [0, 1, 2], "same length"),
+        ([[0, 1]], [[0, 1]], "same length"),
+        ([0, 1, 1], [0, 1, 2], "do not increase"),
+        ([0, 1, 2], [0, math.nan, 2], "not finite"),
+    ],
+)
+def test_refused(t: list[float], y: list[float], text: str) -> None:
+    with pytest.raises(ValueError, match=text):
+        mean_amplitude_frequency(t, y)
+
+
+# Periodic yet? --------------------------------------------------------------------------------------------------------
+
+
+def test_periodic_after_four_periods_that_agree() -> None:
+    t = times(6.0)
+    y = 1.48 + growth(t) * wave(t, 0, 34.38)
+    first = next(end for end in range(0, len(t), 20) if periodic(t[:end], y[:end]))
+    # Growth ends at t = 4; the earlier block may lie partly before that, as far as the change is below 2 %.
+    assert 4.0 + 2 / F < t[first] < 4.0 + 5.2 / F
+    found = periodic(t, y)
+    assert found.periodic
+    assert not found.reason
+    assert max(found.amplitude_change, found.mean_change) < 1e-4
+
+
+def test_growth_is_not_periodic() -> None:
+    t = times(6.0)
+    slow = periodic(t, wave(t, 0, 1) * np.exp(0.1 * t))
+    assert not slow
+    assert slow.amplitude_change == pytest.approx(1 - math.exp(-0.1 * 2 / F), rel=0.02)
+    assert slow.reason == "the amplitude changes by 3.6 % of the amplitude, accepted: 2 %"
+    assert periodic(t, wave(t, 0, 1) * np.exp(0.1 * t), tolerance=0.04)
+    assert not periodic(t, wave(t, 0, 1) * np.exp(-0.1 * t))
+
+
+def test_a_drifting_mean_is_not_periodic() -> None:
+    t = times(6.0)
+    drifting = periodic(t, wave(t, 0, 1) + 0.1 * t)
+    assert not drifting
+    assert drifting.mean_change == pytest.approx(0.1 * 2 / F, rel=0.1)
+    assert drifting.reason.startswith("the mean changes by 3.")
+    assert periodic(t, wave(t, 0, 1) + 0.1 * t, mean_tolerance=0.1)
+
+
+def test_too_few_periods_are_not_periodic() -> None:
+    t = times(3.5 / F, 0.001)
+    found = periodic(t, wave(t, 0, 1, phase=-1.6))
+    assert not found
+    assert math.isnan(found.amplitude_change)
+    assert found.reason == "3 full periods found, 4 needed"
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_periodic_with_noise_and_uneven_steps(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    t = np.cumsum(random.uniform(0.5, 1.5, 3000)) * 0.001
+    assert periodic(t, wave(t, 1.48, 34.38) + random.normal(0, 0.1, len(t)))
+
+
+# Histories ------------------------------------------------------------------------------------------------------------
+
+
+def test_quantities_of_a_history() -> None:
+    history = fsi3(times(6.0))
+    expected = {
+        "drag": (457.3, 22.66, 2 * F),
+        "lift": (2.22, 149.78, F),
+        "tip_ux": (-2.69, 2.53, 2 * F),
+        "tip_uy": (1.48, 34.38, F),
+    }
+    found = quantities_of_history(history)
+    assert list(found) == list(expected)
+    for name, (mean, amplitude, frequency) in expected.items():
+        assert found[name] == pytest.approx(
+            {"mean": mean, "amplitude": amplitude, "frequency": frequency}, rel=5e-4, abs=1e-4 * amplitude
+        )
+    windows = {(item.start, item.end) for item in oscillations(history).values()}
+    assert len(windows) == 1
+    assert reference_column(history) == "tip_uy"
+
+
+def test_the_reference_column() -> None:
+    history = fsi3(times(6.0))
+    flow = history[["time", "drag", "lift"]]
+    assert reference_column(flow) == "lift"
+    assert quantities_of_history(flow)["drag"]["frequency"] == pytest.approx(2 * F, rel=1e-4)
+    assert reference_column(flow[["time", "drag"]]) is None
+    assert quantities_of_history(flow[["time", "drag"]])["drag"]["amplitude"] == pytest.approx(22.66, rel=1e-3)
+    own = quantities_of_history(history, "tip_ux")
+    assert own["tip_ux"]["frequency"] == pytest.approx(2 * F, rel=1e-4)
+    with pytest.raises(KeyError):
+        quantities_of_history(history, "roof_uy")
+
+
+def test_a_short_history_is_nan() -> None:
+    found = quantities_of_history(fsi3(times(0.1)))
+    assert set(found) == {"drag", "lift", "tip_ux", "tip_uy"}
+    assert all(math.isnan(value) for item in found.values() for value in item.values())
+
+
+def test_cylinder_2d2() -> None:
+    t = times(8.0)
+    history = pd.DataFrame({"time": t, "drag": wave(t, 3.19, 0.03, 6.02), "lift": wave(t, -0.01, 1.004, 3.01)})
+    found = oscillations(history)
+    assert found["drag"].highest == pytest.approx(3.22, rel=1e-4)
+    assert found["lift"].peak_to_peak == pytest.approx(2.008, rel=1e-4)
+    assert strouhal(found["lift"].frequency, 0.1, 1.0) == pytest.approx(0.301, rel=1e-4)
+
+
+# Refinement -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("order", [0.5, 1.0, 2.0, 3.7])
+@pytest.mark.parametrize("h", [[4, 2, 1], [0.1, 0.07, 0.02], [1, 3, 2]])
+def test_richardson_finds_the_order(h: list[float], order: float) -> None:
+    values = [5.0 - 0.3 * width**order for width in h]
+    found = richardson(h, values)
+    assert (found.value, found.order) == pytest.approx((5.0, order), rel=1e-8)
+    assert found.error == pytest.approx(-0.3 * min(h) ** order, rel=1e-7)
+    assert not found.reason
+
+
+def test_richardson_takes_the_three_finest() -> None:
+    h = [8.0, 4.0, 2.0, 1.0]
+    assert richardson(h, [100.0, *(1 + width**2 for width in h[1:])]).value == pytest.approx(1.0)
+
+
+def test_richardson_with_a_given_order() -> None:
+    found = richardson([0.01, 0.005], [1.0004, 1.0001], 2)
+    assert (found.value, found.order) == pytest.approx((1.0, 2.0), rel=1e-14)
+    assert found.error == pytest.approx(1e-4, rel=1e-9)
+
+
+def test_richardson_of_equal_values() -> None:
+    assert richardson([4, 2, 1], [7, 7, 7]).value == 7
+    assert richardson([4, 2, 1], [7, 7, 7]).error == 0
+
+
+@pytest.mark.parametrize("values", [[1, 2, 1.5], [1, 1.1, 1.3], [1, 1.1, 1.2], [2, 1, 1], [1, 1, 2]])
+def test_no_limit(values: list[float]) -> None:
+    found = richardson([4, 2, 1], values)
+    assert math.isnan(found.value)
+    assert math.isnan(found.error)
+    assert "do not fall" in found.reason
+
+
+@pytest.mark.parametrize(
+    ("h", "values", "order"),
+    [([2, 1], [1, 2], None), ([1], [1], 2), ([1, 1], [1, 2], 2), ([1, 0], [1, 2], 2), ([3, 2, 1], [1, 2], None)],
+)
+def test_richardson_refuses(h: list[float], values: list[float], order: float | None) -> None:
+    with pytest.raises(ValueError, match="widths"):
+        richardson(h, values, order)
