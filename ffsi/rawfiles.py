@@ -208,7 +208,7 @@ def write_mesh(path: Path, mesh: RawMesh) -> None:
 
 
 def read_state(path: Path, mesh: RawMesh) -> RawState:
-    """Read ``point-0001.bin`` or ``failed.bin`` of a run on ``mesh``.
+    """Read ``point-0001.bin``, ``failed.bin`` or the state ``state-000123.bin`` of a time step of a run on ``mesh``.
 
     How many pressures of mixed solids follow is up to the file: this module does not know the scene.
     Raises ``RawFileError`` if the sizes do not fit the mesh or a value is not finite.

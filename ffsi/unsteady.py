@@ -25,6 +25,8 @@ PERIODS = 2 * metrics.BLOCK + 2
 """Periods, at least, between the end of the inflow's ramp and a stop."""
 LOOK_EVERY = 2.0
 """Seconds of wall time, at least, between two looks at the history."""
+SHARE = 0.05
+"""Largest part of the wall time that looking may cost."""
 STOPPED = "stopped"
 """`failure` of a run that was asked to end before its end."""
 RESUMABLE = ("crash", STOPPED)
@@ -59,7 +61,7 @@ class Watch:
             begin = self.clock()
             self.look()
             now = self.clock()
-            self._next = now + max(LOOK_EVERY, 20.0 * (now - begin))  # a long history must not cost more and more
+            self._next = now + max(LOOK_EVERY, (now - begin) / SHARE)
 
     def look(self) -> None:
         """Read what is new in the history, report the last period, and ask the script to end if it is periodic."""

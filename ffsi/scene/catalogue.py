@@ -146,7 +146,7 @@ def _scenes() -> list[Scene]:
             "turek-csm3",
             "Turek-Hron CSM3: beam swinging under gravity",
             lame_mu=0.5e6,
-            time=periodic(step=0.01, end=10.0),
+            time=periodic(step=0.005, end=10.0),
         ),
         turek(
             "turek-fsi2",

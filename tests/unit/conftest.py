@@ -1,11 +1,13 @@
 """Stand-ins for FreeFEM and for the checker, shared by the tests of run, study and command line."""
 
+import math
 from types import SimpleNamespace
 
 import pytest
 from run_folders import FakeCheck, FakeFreeFEM
+from time_folders import FakeTimeFreeFEM
 
-from ffsi import run, study
+from ffsi import run, study, unsteady
 
 
 @pytest.fixture
@@ -15,6 +17,18 @@ def freefem(monkeypatch) -> FakeFreeFEM:
     for module in (run, study):
         monkeypatch.setattr(module, "find_freefem", lambda: SimpleNamespace(has_mumps=True))
     monkeypatch.setattr(run, "render", lambda scene, mumps: f"// {scene.name}, MUMPS {mumps}\n")
+    return fake
+
+
+@pytest.fixture
+def in_time(monkeypatch) -> FakeTimeFreeFEM:
+    fake = FakeTimeFreeFEM()
+    monkeypatch.setattr(run, "run_script", fake.run_script)
+    for module in (run, study):
+        monkeypatch.setattr(module, "find_freefem", lambda: SimpleNamespace(has_mumps=True))
+    monkeypatch.setattr(run, "render", lambda scene, mumps: f"// {scene.name}, MUMPS {mumps}\n")
+    monkeypatch.setattr(unsteady, "LOOK_EVERY", 0.0)
+    monkeypatch.setattr(unsteady, "SHARE", math.inf)
     return fake
 
 

@@ -113,6 +113,25 @@ def test_uniform_profile_has_a_value_per_node():
     np.testing.assert_array_equal(problem.inflow_profile(np.array([0.1, 0.2])), [0.12, 0.12])
 
 
+def test_inflow_grows_with_the_ramp_and_swings_with_the_waveform():
+    problem = problem_from_scene(CASES["turek-fsi2"])
+    assert [problem.inflow_factor(t) for t in (0.0, 1.0, 2.0, 7.0)] == pytest.approx([0.0, 0.5, 1.0, 1.0], abs=1e-15)
+    assert problem.inflow_factor(0.5) == pytest.approx(0.5 * (1.0 - math.sqrt(0.5)), rel=1e-15)
+    scene = with_values(CASES["cylinder-2d2"], {"inflow.waveform": "sin(pi * t / 8)"})
+    problem = problem_from_scene(scene)
+    assert problem.inflow_factor(0.5) == pytest.approx(0.5 * math.sin(math.pi / 16), rel=1e-15)
+    assert problem.inflow_factor(4.0) == pytest.approx(1.0, rel=1e-15)
+    np.testing.assert_allclose(problem.inflow_profile(np.array([0.0, 0.205])), [0.0, 1.5], atol=1e-15)
+
+
+def test_inflow_without_ramp_and_waveform_is_constant():
+    changes = {"mesh_motion.kind": "harmonic", "time.step": 0.01, "time.end": 1.0}
+    problem = problem_from_scene(with_values(CASES["flap-svk"], changes))
+    assert problem.inflow_factor(0.0) == 1.0 == problem.inflow_factor(0.7)
+    assert problem_from_scene(CASES["flap-svk"]).inflow_factor is None
+    assert problem_from_scene(CASES["turek-csm3"]).inflow_factor is None
+
+
 def test_solid_alone_has_neither_fluid_nor_inflow():
     problem = problem_from_scene(CASES["turek-csm1"])
     assert problem.fluid is None

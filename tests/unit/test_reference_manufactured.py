@@ -359,7 +359,7 @@ def test_fluid_and_solid_converge_in_space(kind):
     assert_orders(errors, [3, 3, 2])
 
 
-# Time: fields that the elements hold exactly, so that every error is one of time ---------------------------------------
+# Time: fields that the elements hold exactly, so that every error is one of time --------------------------------------
 
 
 def sheared(x, t):

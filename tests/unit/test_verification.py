@@ -2,27 +2,39 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
+from scipy.optimize import brentq
+from scipy.special import ellipeinc, ellipkinc
 
 from ffsi import verification
 from ffsi.folder import InputError
 from ffsi.freefem import FreeFEMError, FreeFEMNotFound
+from ffsi.scene import load_scene
 from ffsi.verification import (
     CAVITY,
+    SECTIONS,
     Measurement,
     ReferenceSet,
     TextTable,
+    Variant,
     cavity_table,
+    cook,
+    elastica,
     error_table,
+    flaps,
     number,
     percent,
     reference_sets,
     replace_block,
+    runs,
     short,
     to_frame,
 )
+from ffsi.verification.tables import size
 
 README = "before\n<!-- verification:begin -->\nold\n<!-- verification:end -->\nafter\n"
+ALL_BLOCKS = "".join(f"<!-- {s.block}:begin -->\nold\n<!-- {s.block}:end -->\n" for s in SECTIONS)
 
 
 def run(case: str = "turek-fsi1", level: int = 2, **changes: object) -> Measurement:
@@ -37,20 +49,27 @@ def run(case: str = "turek-fsi1", level: int = 2, **changes: object) -> Measurem
     return Measurement(case, level, data | changes)
 
 
-def failed(case: str, level: int) -> Measurement:
-    return Measurement(case, level, {"status": "failed", "failure": "crash", "reason": "signal 11", "level": level})
+def variant_run(variant: Variant, level: int, **quantities: float) -> Measurement:
+    """A run of a variant with these quantities."""
+    return Measurement(variant.case, level, run(variant.case, level, quantities=quantities).data, variant.name)
+
+
+def failed(case: str, level: int, variant: Variant | None = None) -> Measurement:
+    data = {"status": "failed", "failure": "crash", "reason": "signal 11", "level": level}
+    return Measurement(case, level, data, variant.name if variant else "")
 
 
 @pytest.fixture
-def runs(monkeypatch) -> list[tuple[str, int]]:
+def calls(monkeypatch) -> list[tuple[str, str, int]]:
     """Replace the runs by given ones; the calls are recorded."""
-    calls: list[tuple[str, int]] = []
+    calls: list[tuple[str, str, int]] = []
 
-    def measure(case: str, level: int) -> Measurement:
-        calls.append((case, level))
-        return run(case, level)
+    def measure(case: str, level: int, variant: Variant | None = None) -> Measurement:
+        name = variant.name if variant else ""
+        calls.append((case, name, level))
+        return Measurement(case, level, run(case, level).data, name)
 
-    monkeypatch.setattr(verification, "measure", measure)
+    monkeypatch.setattr(runs, "measure", measure)
     return calls
 
 
@@ -61,7 +80,8 @@ def test_percent_shows_small_errors_with_more_digits():
         "+0.0015 %",
         "-0.00020 %",
     ]
-    assert percent(float("nan")) == number(None) == number(float("nan")) == "–"
+    assert percent(float("nan")) == number(None) == number(float("nan")) == size(float("nan")) == "–"
+    assert size(-0.002) == size(0.002) == "0.200 %"
 
 
 def test_the_error_is_relative_to_the_size_of_the_reference():
@@ -122,8 +142,8 @@ def test_the_cavity_is_shown_beside_every_published_mesh():
 
 
 def test_the_short_table_has_level_2_and_all_levels_of_fsi1():
-    runs = [run("turek-fsi1", level) for level in range(5)] + [run("turek-cfd1", level) for level in range(4)]
-    chosen = [(item.case, item.level) for item in short([*runs, run("turek-csm1", 1)])]
+    known = [run("turek-fsi1", level) for level in range(5)] + [run("turek-cfd1", level) for level in range(4)]
+    chosen = [(item.case, item.level) for item in short([*known, run("turek-csm1", 1)])]
     assert chosen == [*(("turek-fsi1", level) for level in range(5)), ("turek-cfd1", 2), ("turek-csm1", 1)]
 
 
@@ -143,38 +163,47 @@ def test_markers_must_be_there_once_and_in_order(text):
         replace_block(text, "verification", "new")
 
 
-def test_everything_is_written(tmp_path, runs, capsys):
+def test_everything_is_written(tmp_path, calls, capsys):
     readme = tmp_path / "README.md"
-    readme.write_text(README)
+    readme.write_text(f"before\n{ALL_BLOCKS}after\n")
     assert set(verification.main(None, tmp_path / "results", readme)) == {""}
-    assert [level for case, level in runs if case == "turek-fsi1"] == [0, 1, 2, 3, 4]
-    assert [level for case, level in runs if case == CAVITY] == [0, 1, 2, 3]
-    assert "flap-svk" not in {case for case, _ in runs}
+    levels = {key: [level for *found, level in calls if tuple(found) == key] for key in {call[:2] for call in calls}}
+    assert levels["turek-fsi1", ""] == levels["flap-mooney-rivlin-roof", "inflow-0.055"] == [0, 1, 2, 3, 4]
+    assert levels[CAVITY, ""] == levels["cook", "incompressible"] == levels["cantilever", "load-10"] == [0, 1, 2, 3]
+    assert levels["cook", "linear"] == [0, 0, 1, 1, 2, 2, 3, 3]
+    assert levels["cook", "nearly-incompressible-displacement"] == [0]
+    assert "flap-svk" not in {case for case, *_ in calls}
     text = readme.read_text()
     assert text.startswith("before\n")
     assert text.endswith("after\n")
     assert "old" not in text
     assert "| turek-fsi1 | hp | 4 | 24000 |" in text
-    assert "Written by `ffsi verify` (FreeFEM 4.9 with MUMPS, one thread;" in text
+    assert text.count("Written by `ffsi verify` (FreeFEM 4.9 with MUMPS, one thread;") == 1
     assert "[verification.md](results/verification.md)" in text
-    assert "| turek-cfd2 | Featflow | 3 |" in (tmp_path / "results/verification.md").read_text()
-    assert (tmp_path / "results/verification.csv").read_text().startswith("case,level,status")
-    assert "turek-csm2" in capsys.readouterr().out
+    assert all(f"{section.block}:begin -->\n" in text for section in SECTIONS)
+    document = (tmp_path / "results/verification.md").read_text()
+    assert "| turek-cfd2 | Featflow | 3 |" in document
+    assert all(f"\n## {section.title}\n" in document for section in SECTIONS if section.title)
+    assert (tmp_path / "results/verification.csv").read_text().startswith("case,variant,level,status")
+    shown = capsys.readouterr()
+    assert "turek-csm2" in shown.out
+    assert cook.REASON in shown.err
 
 
-def test_chosen_levels_are_named_and_a_failed_run_leaves_the_readme_alone(tmp_path, runs, monkeypatch, capsys):
+def test_chosen_levels_are_named_and_a_failed_run_leaves_the_readme_alone(tmp_path, calls, monkeypatch, capsys):
     readme = tmp_path / "README.md"
-    readme.write_text(README)
+    readme.write_text(ALL_BLOCKS)
     assert set(verification.main([1], tmp_path, readme)) == {""}
     assert "`ffsi verify --levels 1`" in readme.read_text()
-    readme.write_text(README)
-    monkeypatch.setattr(verification, "measure", failed)
+    assert {level for *_, level in calls} == {1}
+    readme.write_text(ALL_BLOCKS)
+    monkeypatch.setattr(runs, "measure", failed)
     assert set(verification.main([1], None, readme)) == {"crash"}
-    assert readme.read_text() == README
+    assert readme.read_text() == ALL_BLOCKS
     assert "stays as it is" in capsys.readouterr().err
 
 
-def test_outputs_are_refused_before_anything_runs(tmp_path, runs):
+def test_outputs_are_refused_before_anything_runs(tmp_path, calls):
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="is a file"):
         verification.main([0], tmp_path / "file")
@@ -182,7 +211,10 @@ def test_outputs_are_refused_before_anything_runs(tmp_path, runs):
         verification.main([0], None, tmp_path / "README.md")
     with pytest.raises(InputError, match="file: the text needs"):
         verification.main([0], None, tmp_path / "file")
-    assert runs == []
+    (tmp_path / "file").write_text(README)
+    with pytest.raises(InputError, match="file: the text needs one line <!-- cook:begin -->"):
+        verification.main([0], None, tmp_path / "file")
+    assert calls == []
 
 
 def test_a_process_that_dies_is_a_measurement_but_a_missing_freefem_ends_everything(monkeypatch, capsys):
@@ -192,9 +224,130 @@ def test_a_process_that_dies_is_a_measurement_but_a_missing_freefem_ends_everyth
     def missing(*_: object, **__: object) -> None:
         raise FreeFEMNotFound("missing-binary", "no FreeFem++")
 
-    monkeypatch.setattr(verification, "solve", dies)
+    monkeypatch.setattr(runs, "solve", dies)
     assert verification.measure("turek-cfd1", 0).failure == "crash"
-    assert "turek-cfd1 level 0: FreeFEM, killed: signal 9" in capsys.readouterr().err
-    monkeypatch.setattr(verification, "solve", missing)
+    assert verification.measure("cook", 0, cook.NEO_HOOKEAN).variant == "neo-hookean"
+    said = capsys.readouterr().err
+    assert "turek-cfd1 level 0: FreeFEM, killed: signal 9" in said
+    assert "cook neo-hookean level 0: FreeFEM, killed: signal 9" in said
+    monkeypatch.setattr(runs, "solve", missing)
     with pytest.raises(FreeFEMNotFound):
         verification.measure("turek-cfd1", 0)
+
+
+# Variants of cases ----------------------------------------------------------------------------------------------------
+
+VARIANTS = [*cook.VARIANTS, *elastica.VARIANTS, *flaps.VARIANTS]
+
+
+@pytest.mark.parametrize("variant", VARIANTS, ids=lambda item: f"{item.case}-{item.name}")
+def test_settings_of_every_variant_are_a_scene(variant):
+    assert load_scene(variant.case, list(variant.settings)).name == variant.case
+
+
+def test_scenes_of_the_membrane_have_the_constants_of_their_names():
+    scenes = {item.name: load_scene(item.case, list(item.settings)) for item in cook.VARIANTS}
+    solids = {name: scene.solid["membrane"] for name, scene in scenes.items()}
+    constants = {name: solid.young_poisson for name, solid in solids.items()}
+    assert constants["linear"] == pytest.approx((70.0, 1 / 3), rel=1e-15)
+    assert constants["neo-hookean"] == (200.0, 0.35)
+    assert constants["incompressible"] == pytest.approx((3.0, 0.5))
+    assert constants["nearly-incompressible"] == constants["nearly-incompressible-displacement"] == (240.565, 0.4999)
+    assert [solid.formulation for solid in solids.values()] == [
+        "displacement", "displacement", "incompressible", "mixed", "displacement",
+    ]  # fmt: skip
+    assert [scene.traction.y for scene in scenes.values()][1:] == [4.0, 0.05, 6.25, 6.25]
+
+
+def test_references_of_variants_are_not_those_of_the_case():
+    assert reference_sets("cook") == reference_sets("cantilever") == []
+    assert {variant.name for variant in VARIANTS if not reference_sets(variant.case, variant.name)} == {"inflow-0.055"}
+    calculix, aster, *others = reference_sets("cook", "linear")
+    assert (calculix.values["tip_uy"], aster.values["tip_uy"]) == (32.27, 32.20)
+    assert [source.compared for source in others] == [False, False]
+
+
+def elastica_tip(load: float) -> tuple[float, float]:
+    """Deflection and shortening over the length for P L^2 / (E I) = load, by elliptic integrals.
+
+    With s along the beam, t its slope and t1 that of the tip, t'' = -load cos t has the integral
+    t' = sqrt(2 load (sin t1 - sin t)); sin t = 2 m sin^2 f - 1 with 2 m = 1 + sin t1 turns it into elliptic integrals.
+    """
+
+    def integrals(m):
+        start = np.arcsin(1 / np.sqrt(2 * m))
+        return ellipkinc(np.pi / 2, m) - ellipkinc(start, m), ellipeinc(np.pi / 2, m) - ellipeinc(start, m)
+
+    m = brentq(lambda m: integrals(m)[0] - np.sqrt(load), 0.5 + 1e-9, 1 - 1e-12, xtol=1e-15)
+    return 1 - 2 * integrals(m)[1] / np.sqrt(load), 1 - np.sqrt(2 * (2 * m - 1) / load)
+
+
+@pytest.mark.parametrize("variant", elastica.VARIANTS, ids=lambda item: item.name)
+def test_values_of_the_elastica_are_its_elliptic_integrals(variant):
+    (source,) = reference_sets(variant.case, variant.name)
+    deflection, shortening = elastica_tip(float(variant.text))
+    assert source.values == {
+        "tip_uy": pytest.approx(deflection, abs=6e-7),
+        "tip_ux": pytest.approx(-shortening, abs=6e-7),
+    }
+
+
+def test_linear_problem_is_extrapolated_to_no_load():
+    pair = [variant_run(cook.LINEAR, 1, tip_uy=load * (5.0 - 40.0 * load)) for load in cook.SMALL_LOADS]
+    worse = {**pair[0].data, "check": {"momentum": 3e-9}}
+    merged = cook.extrapolated(Measurement("cook", 1, worse, "linear"), pair[1])
+    assert merged.quantities["tip_uy"] == pytest.approx(5.0 * cook.LOAD, rel=1e-13)
+    assert (merged.timings["total"], merged.check_maximum, merged.variant) == (6.0, 3e-9, "linear")
+    died = failed("cook", 1, cook.LINEAR)
+    assert cook.extrapolated(pair[0], died) is cook.extrapolated(died, pair[1]) is died
+
+
+def test_membrane_stands_beside_its_published_values():
+    found = [
+        variant_run(cook.NEARLY_INCOMPRESSIBLE, level, tip_uy=6.9083 * (1.004 - 0.001 * level)) for level in (0, 1)
+    ]
+    first, second = (dict(zip(cook.run_table(found).head, row, strict=True)) for row in cook.run_table(found).body)
+    assert (first["change"], second["change"]) == ("–", "0.100 %")
+    assert second["error against"] == "published +0.300 %"
+    other = [variant_run(cook.LINEAR, 0, tip_uy=32.27), failed("cook", 1, cook.LINEAR)]
+    table = cook.level_table([*other, *found, failed("cook", 0, cook.DISPLACEMENT)])
+    assert list(table.head) == ["membrane", "published", "level 0", "level 1", "error, finest mesh"]
+    assert table.body[0] == [cook.LINEAR.text, "32.27, 32.2", "32.27", "–", "–, –"]
+    assert table.body[1][1:] == ["6.9083", "6.9359", "6.929", "+0.300 %"]
+    assert table.body[2][2:] == ["–", "–", "–"]
+    assert [cook.LINEAR.text, "Elmer (hexahedra)", "32.2800"] in cook.published_table().body
+    assert "failed (crash)" in cook.run_table(other).body[1]
+
+
+def test_cantilever_stands_beside_the_elastica():
+    variant = elastica.VARIANTS[1]
+    coarse = variant_run(variant, 0, tip_ux=-0.2, tip_uy=0.5)
+    fine = variant_run(variant, 1, tip_ux=1.01 * -0.160642, tip_uy=0.99 * 0.493457)
+    first, second = elastica.load_table([coarse, fine]).body
+    assert first[:4] == ["2", "0", "24000", "3.0"]
+    assert second[4:10] == ["0.488522", "0.493457", "-1.000 %", "0.162248", "0.160642", "+1.000 %"]
+    assert elastica.brief([coarse, fine])[1].body == [second]
+
+
+def test_flaps_change_by_less_from_level_to_level():
+    variant = flaps.VARIANTS[0]
+    tips = [(0.0, 1.01, 2.0), (0.0, 1.0, 2.02), (0.03, 1.0, 2.02)]
+    found = [variant_run(variant, i, tip_ux=x, tip_uy=y, drag=drag) for i, (x, y, drag) in enumerate(tips)]
+    assert flaps.tip_difference(*found[:2]) == pytest.approx(0.01)
+    assert flaps.tip_difference(*found[1:]) == pytest.approx(0.03, rel=1e-3)
+    assert flaps.drag_difference(*found[:2]) == pytest.approx(0.02 / 2.02)
+    (row,) = flaps.difference_table(found).body
+    assert row == ["flap-neo-hookean", "0.03", "1", "2.02", "1.000 %", "2.999 %", "0.990 %", "0.000 %"]
+    assert [cells[7] for cells in flaps.level_table([*found, failed(variant.case, 3, variant)]).body] == [
+        "–", "1.000 %", "2.999 %", "–",
+    ]  # fmt: skip
+
+
+def test_frame_has_the_values_of_runs_without_references():
+    flap = variant_run(flaps.VARIANTS[0], 2, tip_ux=0.03, tip_uy=1.0, drag=2.02, tip_x=5.0)
+    frame = to_frame([run(), flap, variant_run(elastica.VARIANTS[0], 2, tip_ux=-0.05, tip_uy=0.3)])
+    assert frame["variant"].tolist() == ["", "inflow-0.055", "load-1"]
+    assert frame["drag"].tolist()[1] == 2.02
+    assert frame.loc[2, "source"] == "elastica"
+    assert frame.loc[2, "tip_uy_reference"] == 0.301721
+    assert "tip_x" not in frame

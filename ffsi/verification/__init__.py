@@ -1,0 +1,44 @@
+"""`ffsi verify`: cases with known values on several meshes, beside these values, as CSV, Markdown and in the README."""
+
+from ffsi.verification.benchmarks import CAVITY, FINEST, cavity_table, error_table, short
+from ffsi.verification.command import SECTIONS, main, to_frame
+from ffsi.verification.outputs import (
+    command_line,
+    link,
+    origin,
+    prepare,
+    processor,
+    replace_block,
+    update_readme,
+)
+from ffsi.verification.runs import Measurement, Variant, measure
+from ffsi.verification.sources import COLUMNS, ReferenceSet, reference_sets
+from ffsi.verification.tables import NOTHING, TextTable, number, percent
+
+__all__ = [
+    "CAVITY",
+    "COLUMNS",
+    "FINEST",
+    "NOTHING",
+    "SECTIONS",
+    "Measurement",
+    "ReferenceSet",
+    "TextTable",
+    "Variant",
+    "cavity_table",
+    "command_line",
+    "error_table",
+    "link",
+    "main",
+    "measure",
+    "number",
+    "origin",
+    "percent",
+    "prepare",
+    "processor",
+    "reference_sets",
+    "replace_block",
+    "short",
+    "to_frame",
+    "update_readme",
+]

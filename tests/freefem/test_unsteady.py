@@ -1,0 +1,173 @@
+"""Real runs in time: killed and resumed, stopped, outputs at their times, and the files for the checker."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from conftest import PLAIN
+
+import ffsi
+from ffsi.freefem import Event
+from ffsi.reference import check_run
+from ffsi.result import Result, load_result
+from ffsi.run import solve
+from ffsi.scene import Scene, load_scene
+
+COMMAND = [sys.executable, "-c", "from ffsi.cli import main; main()"]
+STEPS = [
+    *("mesh.level=0", "time.step=0.01", "time.end=0.3", "time.stop=end"),
+    *("time.output_interval=0.07", "time.checkpoint_interval=0.08"),
+]
+
+
+def fsi3(*settings: str) -> Scene:
+    return load_scene("turek-fsi3", [*STEPS, *PLAIN, *settings])
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory) -> Result:
+    return solve(fsi3(), tmp_path_factory.mktemp("whole") / "run")
+
+
+def settings_of(*words: str) -> list[str]:
+    return [item for word in words for item in ("--set", word)]
+
+
+def killed(out: Path, rows: int, *settings: str) -> None:
+    """Run FSI3 and kill the whole process group with SIGKILL after so many rows of the history."""
+    words = [*COMMAND, "run", "turek-fsi3", *settings_of(*STEPS, *PLAIN, *settings), "--out", str(out)]
+    process = subprocess.Popen(words, start_new_session=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    history, deadline = out / "history.csv", time.monotonic() + 60
+    try:
+        while not history.is_file() or len(history.read_text().splitlines()) <= rows:
+            assert process.poll() is None, "it ended before it could be killed"
+            assert time.monotonic() < deadline
+            time.sleep(0.001)
+    finally:
+        os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+    for _ in range(200):  # the kernel kills FreeFEM with its parent
+        before = history.read_bytes()
+        time.sleep(0.05)
+        if history.read_bytes() == before:
+            return
+
+
+def same(a: Path, b: Path) -> None:
+    """Assert that two folders hold the same computation up to 1e-10, but for the seconds."""
+    for name in ("history.csv", "newton.csv", "steps.csv"):
+        one, other = (pd.read_csv(path / name).drop(columns="seconds", errors="ignore") for path in (a, b))
+        words = one.select_dtypes(exclude="number").columns
+        assert one[words].equals(other[words])
+        np.testing.assert_allclose(one.drop(columns=words), other.drop(columns=words), rtol=1e-10, atol=1e-14)
+    one, other = (sorted(path.name for path in folder.glob("state-*.bin")) for folder in (a, b))
+    assert one == other
+
+
+def test_a_whole_run_is_checked_and_its_history_is_complete(whole):
+    assert whole.converged, whole.reason
+    assert whole.data["time"]["reached"] == pytest.approx(0.3, abs=1e-12)
+    assert len(whole.history) == whole.data["time"]["steps"]
+    assert list(whole.history) == [
+        *("time", "step", "drag", "lift", "tip_ux", "tip_uy", "min_jacobian", "iterations", "factorized", "seconds"),
+    ]  # fmt: skip
+    np.testing.assert_allclose(whole.history["step"].cumsum(), whole.history["time"], rtol=1e-12)
+    last = whole.history.iloc[-1]
+    final = whole.last_quantities
+    for name in ("drag", "lift", "tip_ux", "tip_uy", "min_jacobian"):
+        assert last[name] == pytest.approx(final[name], rel=1e-6, abs=1e-12)
+
+
+def test_outputs_are_at_their_times_and_at_the_end(whole):
+    times = [step.time for step in whole.saved_steps]
+    assert times == pytest.approx([0.07, 0.14, 0.21, 0.28, 0.3], abs=1e-14)
+    entries = json.loads((whole.directory / "steps.json").read_text())
+    for entry, row in zip(entries, whole.saved_steps, strict=True):
+        at = whole.history.iloc[entry["step"] - 1]
+        assert (at["time"], at["step"]) == pytest.approx((row.time, row.k), rel=1e-12)
+        assert at["drag"] == pytest.approx(entry["quantities"]["drag"], rel=1e-12)
+        assert whole.scene.time is not None
+        assert entry["theta"] == pytest.approx(whole.scene.time.theta_of(entry["k"]), rel=1e-12)
+    assert {f"{row.new}" for row in whole.saved_steps} <= {path.name for path in whole.directory.iterdir()}
+
+
+def test_every_saved_step_solves_its_equations(whole):
+    report = check_run(whole.directory, whole.scene)
+    assert report.passed, report.failures
+    checked = [report.momentum, report.continuity, report.kinematics, report.mesh_motion, report.drag_difference]
+    assert all(value is not None and value < 1e-9 for value in checked)
+
+
+def test_an_output_time_between_two_steps_is_hit(tmp_path):
+    result = solve(fsi3("time.output_interval=0.025", "time.end=0.1"), tmp_path / "run")
+    assert result.converged, result.reason
+    assert [step.time for step in result.saved_steps] == pytest.approx([0.025, 0.05, 0.075, 0.1], abs=1e-14)
+    assert result.history["step"].max() <= 0.01 + 1e-12
+    assert result.history["step"].min() > 0.002
+
+
+@pytest.mark.parametrize("rows", [3, 9, 17, 27])
+def test_a_killed_run_comes_to_the_same_when_it_goes_on(tmp_path, whole, rows):
+    killed(tmp_path / "run", rows)
+    assert not (tmp_path / "run" / "result.json").exists()
+    result = ffsi.resume(tmp_path / "run")
+    assert result.converged, result.reason
+    same(tmp_path / "run", whole.directory)
+    again = subprocess.run([*COMMAND, "run", "--resume", str(tmp_path / "run")], capture_output=True, text=True)
+    assert again.returncode == 2
+    assert "there is nothing to resume" in " ".join(again.stderr.split())
+
+
+def test_killed_twice(tmp_path, whole):
+    killed(tmp_path / "run", 12)
+    words = [*COMMAND, "run", "--resume", str(tmp_path / "run")]
+    process = subprocess.Popen(words, start_new_session=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    history = tmp_path / "run" / "history.csv"
+    while len(history.read_text().splitlines()) <= 22:
+        assert process.poll() is None
+        time.sleep(0.001)
+    os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+    time.sleep(0.3)
+    assert ffsi.resume(tmp_path / "run").converged
+    same(tmp_path / "run", whole.directory)
+
+
+def test_the_stop_file_ends_a_run_cleanly_with_its_last_state(tmp_path):
+    def stop(event: Event) -> None:
+        if event.kind == "time" and event.integer("step") == 15:
+            (tmp_path / "run" / "stop").write_text("1\n")
+
+    result = solve(fsi3("time.end=30", "time.output_interval=10"), tmp_path / "run", on_event=stop)
+    assert result.failure == "stopped", result.reason
+    assert 0.15 <= result.data["time"]["reached"] < 1
+    assert result.state_file == "point-0001.bin"
+    steps = result.saved_steps
+    assert [step.step for step in steps] == [len(result.history)]
+    np.testing.assert_array_equal(result.fields.velocity, result.fields_of(steps[-1]).velocity)
+    assert load_result(tmp_path / "run").failure == "stopped"
+
+
+def test_it_stops_when_it_is_periodic(tmp_path, monkeypatch):
+    monkeypatch.setattr("ffsi.unsteady.LOOK_EVERY", 0.2)
+    steps = ["mesh.level=0", "time.step=0.02", "time.shift=0.3", "time.end=200"]
+    result = solve(load_scene("turek-csm3", [*steps, *PLAIN]), tmp_path / "run")
+    assert result.converged, result.reason
+    time = result.data["time"]
+    assert time["periodic"]
+    assert time["reached"] < 50
+    assert result.quantities["tip_uy"]["frequency"] == pytest.approx(1.0995, rel=0.03)
+
+
+def test_a_sweep_in_time_runs_every_point(tmp_path):
+    scene = fsi3("time.end=0.02", "time.output_interval=0.02", "time.checkpoint_interval=0.02")
+    table = ffsi.sweep(scene, {"fluid.viscosity": [1.0, 2.0]}, tmp_path / "sweep")
+    assert table["status"].tolist() == ["converged"] * 2
+    assert table["folder"].tolist() == ["chain-001", "chain-002"]

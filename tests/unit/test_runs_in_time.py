@@ -1,0 +1,412 @@
+"""Runs in time with a stand-in for the script: results, stop when periodic, resuming, and what is refused."""
+
+import json
+import math
+
+import numpy as np
+import pandas as pd
+import pytest
+from time_folders import FREQUENCY, scene_in_time, signals
+
+import ffsi
+from ffsi import folder, metrics, run, study, unsteady
+from ffsi.folder import InputError
+from ffsi.freefem import Event, FreeFEMError
+from ffsi.result import flatten, load_result, published_value
+from ffsi.scene import load_scene
+from ffsi.unsteady import Watch, settled
+
+pytestmark = pytest.mark.usefixtures("check")
+
+
+def files(directory):
+    return {path.name for path in directory.iterdir()}
+
+
+# Results --------------------------------------------------------------------------------------------------------------
+
+
+def test_quantities_are_those_of_the_last_period(tmp_path, in_time):
+    result = run.solve(scene_in_time("time.end=3"), tmp_path / "run")
+    assert result.converged
+    assert json.loads((tmp_path / "run" / "result.json").read_text()) == result.data
+    found = result.quantities
+    assert found["tip_uy"] == pytest.approx({"mean": 0.001, "amplitude": 0.03, "frequency": 1.0}, rel=5e-3)
+    assert found["drag"] == pytest.approx({"mean": 400, "amplitude": 20, "frequency": 2.0}, rel=5e-3)
+    unit = 0.5 * 1000 * 2.0**2 * 0.1
+    assert found["lift_coefficient"]["amplitude"] == pytest.approx(150 / unit, rel=5e-3)
+    assert found["min_jacobian"] == pytest.approx(0.4, abs=1e-3)
+    assert set(found) == {
+        *("drag", "lift", "tip_ux", "tip_uy", "drag_coefficient", "lift_coefficient", "min_jacobian"),
+    }  # fmt: skip
+    assert result.data["newton"] == {"iterations": 120, "factorizations": 6}
+    time = result.data["time"]
+    assert (time["reached"], time["end"], time["steps"], time["periodic"]) == (3.0, 3.0, 60, False)
+    assert time["why_not"] == "tip_uy: 1 full period found, 4 needed"
+    assert time["last"] == result.last_quantities
+    assert len(result.history) == 60
+    assert result.history["tip_uy"].iloc[-1] == pytest.approx(signals(3.0)["tip_uy"])
+
+
+def test_without_a_full_period_there_are_no_numbers_but_those_of_the_last_state(tmp_path, in_time):
+    result = run.solve(scene_in_time("time.end=0.5"), tmp_path / "run")
+    assert result.quantities["drag"] == {"mean": None, "amplitude": None, "frequency": None}
+    when, shown = result.shown_quantities
+    assert when == "at t = 0.5 s"
+    assert shown["drag"] == result.data["time"]["last"]["drag"]
+    assert list(flatten(result.quantities)) == ["min_jacobian"]
+
+
+def test_the_steps_are_listed_for_the_checker_and_drawn(tmp_path, in_time):
+    result = run.solve(scene_in_time("output.vtu=true"), tmp_path / "run")
+    entries = json.loads((tmp_path / "run" / "steps.json").read_text())
+    assert [entry["step"] for entry in entries] == [10, 20, 30, 40]
+    assert entries[1] == {
+        "step": 20, "time": 1.0, "k": 0.05, "theta": 0.55, "old": "state-000019.bin", "new": "state-000020.bin",
+        "quantities": {"drag": signals(1.0)["drag"], "lift": signals(1.0)["lift"]},
+    }  # fmt: skip
+    names = {"fields-000010.vtu", "fields-000020.vtu", "fields-000030.vtu", "fields-000040.vtu", "fields.pvd"}
+    assert {name for name in files(tmp_path / "run") if name.startswith("fields")} == names
+    assert [step.time for step in result.saved_steps] == [0.5, 1.0, 1.5, 2.0]
+    np.testing.assert_array_equal(result.fields_at(1.4).velocity, result.fields_of(result.saved_steps[2]).velocity)
+
+
+def test_a_failed_step_keeps_the_history_and_the_last_good_state(tmp_path, in_time, check):
+    in_time.fail = 33
+    result = run.solve(scene_in_time("output.vtu=true"), tmp_path / "run")
+    assert (result.status, result.failure, result.reason) == ("failed", "not-converged", "no step")
+    assert result.data["time"]["reached"] == 1.6
+    assert result.state_file == "failed.bin"
+    assert {"fields.vtu", "fields-000030.vtu"} <= files(tmp_path / "run")
+    assert check.calls == []
+
+
+def test_a_crash_is_raised_and_keeps_what_was_finished(tmp_path, in_time):
+    in_time.die = 27
+    with pytest.raises(FreeFEMError, match="killed"):
+        run.solve(scene_in_time(), tmp_path / "run")
+    data = json.loads((tmp_path / "run" / "result.json").read_text())
+    assert (data["failure"], data["time"]["steps"]) == ("crash", 27)
+    assert len(load_result(tmp_path / "run").history) == 27
+
+
+def test_a_crash_before_the_first_step(tmp_path, in_time, monkeypatch):
+    def crash(*_, **__):
+        raise FreeFEMError("crash", "at once")
+
+    monkeypatch.setattr(run, "run_script", crash)
+    with pytest.raises(FreeFEMError, match="at once"):
+        run.solve(scene_in_time(), tmp_path / "run")
+    data = json.loads((tmp_path / "run" / "result.json").read_text())
+    assert (data["quantities"], data["time"]["reached"], data["time"]["periodic"]) == ({}, 0.0, False)
+
+
+def test_an_earlier_run_is_replaced(tmp_path, in_time):
+    run.solve(scene_in_time("output.vtu=true"), tmp_path / "run")
+    run.solve(scene_in_time("time.end=1", "time.output_interval=1"), tmp_path / "run")
+    states = {name for name in files(tmp_path / "run") if name.startswith(("state", "fields"))}
+    assert states == {"state-000019.bin", "state-000020.bin"}
+    assert in_time.first_steps == [1, 1]
+
+
+# Periodic -------------------------------------------------------------------------------------------------------------
+
+
+def test_it_stops_when_it_is_periodic(tmp_path, in_time):
+    result = run.solve(scene_in_time("time.stop=periodic", "time.end=50"), tmp_path / "run")
+    assert result.converged
+    time = result.data["time"]
+    assert time["periodic"]
+    assert time["why_not"] == ""
+    assert 0.1 + unsteady.PERIODS / FREQUENCY <= time["reached"] < 10
+
+
+def test_at_the_end_it_need_not_be_periodic(tmp_path, in_time):
+    result = run.solve(scene_in_time("time.stop=periodic"), tmp_path / "run")
+    assert result.converged
+    assert not result.data["time"]["periodic"]
+
+
+def test_stopped_by_hand_is_not_finished_and_goes_on(tmp_path, in_time, check):
+    in_time.stop_at = 23
+    result = run.solve(scene_in_time(), tmp_path / "run")
+    assert (result.failure, result.reason) == ("stopped", "stopped at t = 1.15 s of 2 s")
+    assert result.solved
+    assert check.calls == [(2.0, 1)]
+    in_time.stop_at = None
+    again = ffsi.resume(tmp_path / "run")
+    assert again.converged
+    assert in_time.first_steps == [1, 21]
+    assert len(again.history) == 40
+
+
+@pytest.mark.parametrize(
+    ("end", "ramp", "grows", "reason"),
+    [
+        (12.0, 2.0, 0.0, ""),
+        (6.0, 2.0, 0.0, "only 4.0 periods"),
+        (3.2, 0.1, 0.0, "full periods found"),
+        (12.0, 2.0, 0.1, "the amplitude changes"),
+    ],
+)
+def test_settled_needs_equal_periods_long_enough_after_the_ramp(end, ramp, grows, reason):
+    t = np.arange(0.01, end, 0.01)
+    found = settled(scene_in_time(f"inflow.ramp={ramp}"), t, np.exp(grows * t) * np.sin(2 * np.pi * t))
+    assert bool(found) == (not reason)
+    assert reason in found.reason
+
+
+def write_history(directory, t, y, name="tip_uy", end="\n"):
+    rows = "".join(f"{a!r},0.01,{b!r}\n" for a, b in zip(t.tolist(), y.tolist(), strict=True))
+    (directory / "history.csv").write_text(f"time,step,{name}\n{rows}".rstrip("\n") + end)
+
+
+def test_the_watch_reports_the_signal_and_reads_every_line_once(tmp_path):
+    events = []
+    clock = iter(np.arange(0.0, 1000.0, 1.0)).__next__
+    watch = Watch(scene_in_time(), tmp_path, events.append, clock=lambda: float(clock()))
+    t = np.arange(0.01, 3.0, 0.01)
+    y = 0.2 + 0.5 * np.sin(2 * np.pi * 2 * t)
+    write_history(tmp_path, t[:180], y[:180], end="")  # the last line is still being written
+    watch.look()
+    write_history(tmp_path, t, y)
+    watch.look()
+    assert watch._tail.times == pytest.approx(t)
+    assert [event.kind for event in events] == ["signal", "signal"]
+    assert events[-1].fields["name"] == "tip_uy"
+    assert events[-1].fields["unit"] == "m"
+    assert [events[-1].number(key) for key in ("mean", "amplitude", "frequency")] == pytest.approx(
+        [0.2, 0.5, 2.0], 1e-3
+    )
+    assert not (tmp_path / "stop").exists()  # time.stop is "end"
+
+
+def test_the_watch_looks_rarely_and_passes_every_event_on(tmp_path, monkeypatch):
+    seen, looks, now = [], [], [0.0]
+    watch = Watch(scene_in_time(), tmp_path, seen.append, clock=lambda: now[0])
+    monkeypatch.setattr(watch, "look", lambda: looks.append(now[0]))
+    for i in range(100):
+        now[0] = 0.1 * i
+        watch(Event("time", {"step": i}))
+    assert len(seen) == 100
+    assert len(looks) == 4
+    watch(Event("warning"))
+    assert seen[-1].kind == "warning"
+
+
+def test_the_watch_survives_a_history_that_is_no_number(tmp_path):
+    events = []
+    write_history(tmp_path, np.array([0.1, 0.2]), np.array([1.0, math.nan]))
+    Watch(scene_in_time("time.stop=periodic"), tmp_path, events.append).look()
+    assert events == []
+
+
+def test_the_lift_counts_where_nothing_moves(tmp_path):
+    events = []
+    t = np.arange(0.01, 12.0, 0.01)
+    write_history(tmp_path, t, 3 + np.sin(2 * np.pi * t), "lift")
+    Watch(load_scene("cylinder-2d2", []), tmp_path, events.append).look()
+    assert (events[0].fields["name"], events[0].fields["unit"]) == ("lift", "N/m")
+    assert (tmp_path / "stop").read_text() == "1 periodic\n"
+
+
+# Resuming -------------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(params=[1, 4, 5, 6, 12, 23, 39])
+def died(request, tmp_path, in_time):
+    """A run that died at some step; Python was killed with it."""
+    in_time.die = request.param
+    with pytest.raises(FreeFEMError):
+        run.solve(scene_in_time(), tmp_path / "run")
+    (tmp_path / "run" / "result.json").unlink()
+    in_time.die = None
+    return tmp_path / "run"
+
+
+def test_a_killed_run_goes_on_from_its_last_checkpoint_and_comes_to_the_same(died, in_time, tmp_path):
+    steps = len(load_history(died))
+    result = ffsi.resume(died)
+    assert result.converged
+    whole = run.solve(scene_in_time(), tmp_path / "whole")
+    for name in ("history.csv", "newton.csv", "steps.csv", "steps.json"):
+        assert (died / name).read_text() == (tmp_path / "whole" / name).read_text()
+    assert result.quantities == whole.quantities
+    # A step that ends at a checkpoint's time dies before the checkpoint is written.
+    assert in_time.first_steps[:2] == [1, max(0, steps - 1) // 5 * 5 + 1]
+    assert (died / "freefem-0001.log").is_file()
+
+
+def load_history(directory):
+    return unsteady.read_history(directory)
+
+
+def test_a_resumed_run_that_dies_goes_on_again(tmp_path, in_time):
+    for step in (8, 18, 29):
+        in_time.die = step
+        with pytest.raises(FreeFEMError):
+            run.solve(scene_in_time(), tmp_path / "run", resume=step > 8)
+    in_time.die = None
+    assert ffsi.resume(str(tmp_path / "run")).converged
+    assert in_time.first_steps == [1, 6, 16, 26]
+    assert len(list((tmp_path / "run").glob("freefem-*.log"))) == 3
+
+
+def test_the_checkpoint_in_use_is_not_the_next_one_to_be_written(tmp_path, in_time):
+    in_time.die = 8  # only checkpoint-a, of step 5, is there
+    with pytest.raises(FreeFEMError):
+        run.solve(scene_in_time(), tmp_path / "run")
+    in_time.die = None
+    ffsi.resume(tmp_path / "run")
+    assert in_time.arguments[-1]["resume"].endswith("checkpoint-b.bin")
+
+
+def test_if_the_script_had_ended_only_the_rest_is_done(tmp_path, in_time, check):
+    run.solve(scene_in_time(), tmp_path / "run")
+    (tmp_path / "run" / "result.json").unlink()
+    check.calls.clear()
+    assert ffsi.resume(tmp_path / "run").converged
+    assert len(in_time.arguments) == 1
+    assert check.calls == [(2.0, 1)]
+
+
+def test_a_point_that_was_cut_off_is_computed_again(tmp_path, in_time):
+    run.solve(scene_in_time(), tmp_path / "run")
+    (tmp_path / "run" / "result.json").unlink()
+    point = tmp_path / "run" / "point-0001.json"
+    point.write_text(point.read_text()[:50])
+    assert ffsi.resume(tmp_path / "run").converged
+    assert in_time.first_steps == [1, 41]
+
+
+def test_own_files_stay_when_a_run_goes_on(tmp_path, in_time):
+    in_time.die = 12
+    with pytest.raises(FreeFEMError):
+        run.solve(scene_in_time(), tmp_path / "run")
+    (tmp_path / "run" / "notes.txt").write_text("mine")
+    (tmp_path / "run" / ".result.json.77.part").write_text("{")
+    in_time.die = None
+    ffsi.resume(tmp_path / "run")
+    assert (tmp_path / "run" / "notes.txt").is_file()
+    assert not list((tmp_path / "run").glob(".*.part"))
+
+
+def steady(path):
+    path.mkdir()
+    (path / "scene.toml").write_text(load_scene("turek-fsi1", []).to_toml())
+    (path / "case.edp").write_text("")
+
+
+def chain(path):
+    path.mkdir()
+    (path / "chain.json").write_text("{}")
+
+
+def damaged(path):
+    path.mkdir()
+    (path / "scene.toml").write_text("name = [")
+    (path / "case.edp").write_text("")
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda path: None, r"is no run folder of ffsi \(it does not exist\); there is nothing to resume"),
+        (lambda path: path.mkdir(), "is no run folder of ffsi; there"),
+        (lambda path: path.write_text(""), "is no run folder"),
+        (steady, "holds a steady run; only runs in time can be resumed"),
+        (chain, "belongs to a sweep; the same call of ffsi sweep goes on with it"),
+        (damaged, "scene.toml"),
+    ],
+)
+def test_what_cannot_be_resumed_is_refused_and_not_touched(tmp_path, in_time, make, message):
+    make(tmp_path / "run")
+    before = sorted(tmp_path.rglob("*"))
+    with pytest.raises(ValueError, match=message):
+        ffsi.resume(tmp_path / "run")
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+@pytest.mark.parametrize(("fail", "ending"), [(None, r"\(converged\)"), (33, r"\(failed: no step\)")])
+def test_a_finished_run_is_refused(tmp_path, in_time, fail, ending):
+    in_time.fail = fail
+    run.solve(scene_in_time(), tmp_path / "run")
+    before = files(tmp_path / "run")
+    with pytest.raises(InputError, match=rf"is finished {ending}; there is nothing to resume"):
+        ffsi.resume(tmp_path / "run")
+    assert files(tmp_path / "run") == before
+
+
+def test_another_scene_is_refused(tmp_path, in_time):
+    in_time.die = 12
+    with pytest.raises(FreeFEMError):
+        run.solve(scene_in_time(), tmp_path / "run")
+    with pytest.raises(InputError, match="holds a run of another scene"):
+        run.solve(scene_in_time("fluid.viscosity=2"), tmp_path / "run", resume=True)
+    with pytest.raises(InputError, match="its folder is needed"):
+        run.solve(scene_in_time(), resume=True)
+
+
+def test_a_folder_in_use_is_refused(tmp_path, in_time):
+    in_time.die = 12
+    with pytest.raises(FreeFEMError):
+        run.solve(scene_in_time(), tmp_path / "run")
+    with folder.held(tmp_path / "run"):
+        for resume in (True, False):
+            with pytest.raises(InputError, match="another ffsi is at work in"):
+                run.solve(scene_in_time(), tmp_path / "run", resume=resume)
+    assert len(load_history(tmp_path / "run")) == 12
+
+
+# Sweeps ---------------------------------------------------------------------------------------------------------------
+
+KEY = "fluid.viscosity"
+
+
+def test_every_point_in_time_is_a_run_of_its_own(tmp_path, in_time):
+    chains = study.plan(scene_in_time(), {KEY: [1.0, 2.0], "time.shift": [0.5, 1.0]})
+    assert [len(chain.points) for chain in chains] == [1] * 4
+    table = study.sweep(scene_in_time("time.end=3"), {KEY: [1.0, 2.0]}, tmp_path / "s")
+    assert table["folder"].tolist() == ["chain-001", "chain-002"]
+    assert table["status"].tolist() == ["converged"] * 2
+    assert table["tip_uy_amplitude"].tolist() == pytest.approx([0.03] * 2, rel=1e-3)
+    assert all("points" not in arguments for arguments in in_time.arguments)
+    with pytest.raises(InputError, match="a run of its own"):
+        run.run_chain(scene_in_time(), [{KEY: 1.0}, {KEY: 2.0}], tmp_path / "c")
+
+
+def test_a_sweep_in_time_goes_on_from_the_checkpoints(tmp_path, in_time):
+    in_time.die = 23
+    table = study.sweep(scene_in_time(), {KEY: [1.0, 2.0]}, tmp_path / "s")
+    assert table["failure"].tolist() == ["crash"] * 2
+    (tmp_path / "s" / "chain-002" / "result-0001.json").unlink()  # as if Python had been killed, too
+    in_time.die = None
+    table = study.sweep(scene_in_time(), {KEY: [1.0, 2.0]}, tmp_path / "s")
+    assert table["status"].tolist() == ["converged"] * 2
+    assert table["folder"].tolist() == ["chain-001", "chain-002"]
+    assert in_time.first_steps == [1, 1, 21, 21]
+    study.sweep(scene_in_time(), {KEY: [1.0, 2.0]}, tmp_path / "s")
+    assert len(in_time.arguments) == 4
+
+
+# Small parts ----------------------------------------------------------------------------------------------------------
+
+
+def test_published_mean_amplitude_and_frequency():
+    published = ffsi.references.references("turek-fsi3")
+    values = {name: published_value(name, published) for name in ("lift_mean", "lift_amplitude", "lift_frequency")}
+    assert [found[0] for found in values.values() if found] == [2.50, 153.91, 5.46]
+    assert published_value("lift", published) is not None
+    assert published_value("min_jacobian", published) is None
+    assert published_value("drag_amplitude", ffsi.references.references("turek-fsi1")) is None
+
+
+def test_the_last_period_is_where_metrics_finds_it():
+    t = np.arange(0.01, 5.0, 0.01)
+    history = pd.DataFrame({"time": t, "tip_uy": np.sin(2 * np.pi * t)})
+    period = unsteady.last_period(history)
+    assert period is not None
+    assert (period.start, period.end) == pytest.approx((3.0, 4.0), abs=1e-3)
+    assert unsteady.last_period(history[:20]) is None
+    assert unsteady.last_period(history.drop(columns="tip_uy")) is None
+    assert metrics.reference_column(history) == "tip_uy"

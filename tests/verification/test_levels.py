@@ -1,0 +1,23 @@
+"""Convergence of the paper's flaps, which nobody published values of, by `make verify`."""
+
+from itertools import pairwise
+
+import pytest
+
+from ffsi.verification import flaps
+
+LEVELS = range(5)
+TIP, DRAG = 0.5e-2, 0.3e-2  # largest relative difference between two levels; half of it between the finest two
+
+
+@pytest.mark.parametrize("variant", flaps.VARIANTS, ids=lambda item: item.case)
+def test_levels_differ_by_little(measured, variant):
+    runs = [measured(variant, level) for level in LEVELS]
+    tips, drags = ([of(*pair) for pair in pairwise(runs)] for of in (flaps.tip_difference, flaps.drag_difference))
+    print(f"{variant.case}: tip {tips}, drag {drags}")
+    assert max(tips) < TIP
+    assert max(drags) < DRAG
+    assert tips[-1] < TIP / 2
+    assert drags[-1] < DRAG / 2
+    for run in runs:
+        assert run.check_maximum < 1e-8
