@@ -136,7 +136,7 @@ class _Block:
 
 
 def fluid_slots(scene: Scene) -> tuple[list[list[int]], int]:
-    """Return the number of the coefficient d flux / d argument (-1: none) by flux and argument, and how many there are."""
+    """Return the number of d flux / d argument (-1: none) by flux and argument, and how many there are."""
     unknowns, table, used = components(scene), _fluid_arguments(scene), 0
     slots: list[list[int]] = []
     for depends in FLUID_FLUXES.values() if scene.fluid else ():

@@ -234,18 +234,18 @@ def _magnitude(system: System, state: RawState) -> Floats:
 
 
 def _inertia_magnitude(system: System, state: RawState) -> Floats:
-    """Size of what cancels in the difference quotients of u and v in a time step, (n2, 2); zero in a steady system."""
+    """Size of what cancels in the difference quotient of v in a time step, (n2, 2); zero in a steady system.
+
+    It covers the convection by the mesh velocity too, as long as a step moves the mesh by less than a triangle.
+    """
     total = np.zeros_like(state.u)
     if (increment := system.increment) is None:
         return total
     parts: list[FluidPart | SolidPart] = [*([system.fluid] if system.fluid else []), *system.solids.values()]
     for part in parts:
-        elements, old = part.elements, increment.old
-        speed = _largest(state.v, elements) + _largest(old.v, elements)
-        size = speed * elements.area
-        if isinstance(part, FluidPart):  # convection by the motion of the mesh
-            size += speed * np.sqrt(elements.area) * _largest(state.u - old.u, elements)
-        total += _spread(part.law.density / increment.step.k * size, elements, len(total))
+        speed = _largest(state.v, part.elements) + _largest(increment.old.v, part.elements)
+        size = part.law.density / increment.step.k * speed * part.elements.area
+        total += _spread(size, part.elements, len(total))
     return total
 
 

@@ -121,7 +121,7 @@ def test_catalogue_physics_and_levels() -> None:
         ("turek-cfd3", {"fluid.density": 1000, "fluid.viscosity": 1, "inflow.mean_velocity": 2, "inflow.ramp": 2,
                         "time.step": 0.005, "time.end": 10, "solver.step_tolerance": 1e-6}),
         ("turek-csm3", {"solid.beam.density": 1000, "solid.beam.lame_mu": 5e5, "solid.beam.poisson_ratio": 0.4,
-                        "gravity.y": -2, "time.step": 0.01, "time.end": 10}),
+                        "gravity.y": -2, "time.step": 0.005, "time.end": 10}),
         ("turek-fsi2", {"fluid.density": 1000, "fluid.viscosity": 1, "solid.beam.density": 10000,
                         "solid.beam.lame_mu": 5e5, "solid.beam.poisson_ratio": 0.4, "inflow.mean_velocity": 1,
                         "inflow.ramp": 2, "mesh_motion.stiffness_exponent": 1, "mesh_motion.divergence_weight": 4,

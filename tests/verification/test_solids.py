@@ -78,7 +78,7 @@ def independent(n):
         loaded = with_values(scene, {"traction.y": part * scene.traction.y})
         state = solve(System.build(problem_from_scene(loaded), mesh), start=state, max_iterations=25).state
     corner = np.argmin(np.abs(mesh.p2_coordinates - CORNER).sum(axis=1))
-    return state.u[corner, 1]
+    return float(state.u[corner, 1])
 
 
 def extrapolated(first, second, third):
