@@ -92,17 +92,17 @@ def check_step(
 def check_run(directory: Path, scene: Scene, point: int = 1, tolerance: float = TOLERANCE) -> CheckReport:
     """Check one point of a run folder, or all its checked time steps, against the scene that it was run with.
 
-    The scene must carry the values that the run really used. A scene in time has no points but ``steps.json``: a list
-    of ``{"step", "time", "k", "theta", "old", "new", "quantities"}`` where old and new name files in the format of a
-    point's state. Raises ``ValueError`` where the parameters in the point's JSON, or a step, are none of the scene's,
+    The scene must carry the values that the run really used. A scene in time has ``steps.json`` beside its only point:
+    a list of ``{"step", "time", "k", "theta", "old", "new", "quantities"}`` where old and new name files in the format
+    of a point's state. Raises ``ValueError`` where the parameters in the point's JSON, or a step, are none of the scene's,
     no step is listed or a file does not fit, and ``OSError`` if one is missing.
     """
     directory = Path(directory)
+    outcome = json.loads((directory / f"point-{point:04d}.json").read_text(encoding="utf-8"))
+    refuse_other_parameters(scene, outcome.get("parameters", {}))
     mesh = read_mesh(directory / "mesh.bin")
     if scene.time is not None:
         return _report(_examine_steps(directory, scene, mesh), tolerance)
-    outcome = json.loads((directory / f"point-{point:04d}.json").read_text(encoding="utf-8"))
-    refuse_other_parameters(scene, outcome.get("parameters", {}))
     state = read_state(directory / f"point-{point:04d}.bin", mesh)
     return check_state(problem_from_scene(scene), mesh, state, outcome.get("quantities", {}), tolerance)
 

@@ -748,6 +748,8 @@ def run(tmp_path, solved_run):
     write_mesh(tmp_path / "mesh.bin", mesh)
     for number, state in enumerate(states[1:], start=1):
         write_state(tmp_path / f"state-{number:06d}.bin", state)
+    values = {key: value for key, value in CHANGES.items() if not isinstance(value, str)}
+    (tmp_path / "point-0001.json").write_text(json.dumps({"parameters": values}))
     rewrite(tmp_path, entries)
     return tmp_path, scene, [entry | {"quantities": dict(entry["quantities"])} for entry in entries]
 
@@ -836,6 +838,13 @@ def test_step_that_the_scene_does_not_have_is_refused(run, changes, message):
     rewrite(directory, [entries[0] | changes])
     with pytest.raises(ValueError, match=message):
         check_run(directory, scene)
+
+
+def test_run_with_other_parameters_than_the_scene_is_refused(run):
+    directory, scene, _ = run
+    other = with_values(scene, {"inflow.ramp": 0.13})
+    with pytest.raises(ValueError, match=r"the run used inflow\.ramp = 0\.12 but the scene says 0\.13"):
+        check_run(directory, other)
 
 
 def test_run_without_checked_steps_is_refused(run):
