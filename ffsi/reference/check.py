@@ -94,8 +94,8 @@ def check_run(directory: Path, scene: Scene, point: int = 1, tolerance: float = 
 
     The scene must carry the values that the run really used. A scene in time has ``steps.json`` beside its only point:
     a list of ``{"step", "time", "k", "theta", "old", "new", "quantities"}`` where old and new name files in the format
-    of a point's state. Raises ``ValueError`` where the parameters in the point's JSON, or a step, are none of the scene's,
-    no step is listed or a file does not fit, and ``OSError`` if one is missing.
+    of a point's state. Raises ``ValueError`` where the parameters in the point's JSON, or a step, are none of the
+    scene's, no step is listed or a file does not fit, and ``OSError`` if one is missing.
     """
     directory = Path(directory)
     outcome = json.loads((directory / f"point-{point:04d}.json").read_text(encoding="utf-8"))
