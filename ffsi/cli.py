@@ -288,7 +288,10 @@ def verify(
     levels: Annotated[
         str | None,
         typer.Option(
-            "--levels", metavar="A,B,...", help="Mesh levels of every case.", show_default="0 to 3, FSI1 0 to 4"
+            "--levels",
+            metavar="A,B,...",
+            help="Mesh levels of every case.",
+            show_default="0 to 3, FSI1 and flaps 0 to 4",
         ),
     ] = None,
     out: TableFolder = None,
