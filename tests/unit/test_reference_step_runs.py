@@ -1,0 +1,186 @@
+"""Run folders with checked time steps."""
+
+import json
+import math
+
+import pytest
+from test_reference_check import copy, failing, largest, scene_mesh
+from test_reference_step import quantities_of, rest
+
+from ffsi.rawfiles import write_mesh, write_state
+from ffsi.reference.check import check_run
+from ffsi.reference.from_scene import problem_from_scene, refuse_other_step
+from ffsi.reference.solve import solve_step
+from ffsi.reference.step import Step
+from ffsi.reference.system import System
+from ffsi.scene import CASES, with_values
+
+CHANGES = {
+    "inflow.mean_velocity": 0.05,
+    "solid.flap.lame_lambda": 800.0,
+    "solid.flap.lame_mu": 200.0,
+    "mesh_motion.kind": "harmonic",
+    "time.step": 0.05,
+    "time.end": 0.18,
+    "inflow.ramp": 0.12,
+}
+
+
+@pytest.fixture(scope="module")
+def solved_run():
+    """Scene in time, its mesh, states by the number of the step, and the entries of two checked steps."""
+    scene = with_values(CASES["flap-svk"], CHANGES)
+    mesh = scene_mesh(scene)
+    system = System.build(problem_from_scene(scene), mesh)
+    states, time, entries = [rest(system)], 0.0, []
+    for number, k in enumerate((0.05, 0.05, 0.05, 0.03), start=1):
+        time += k
+        step, old = Step(k, 0.5 + k, time), states[-1]
+        states.append(solve_step(system, old, step, tolerance=1e-11).state)
+        if number in (2, 4):
+            entry = {"step": number, "time": time, "k": k, "theta": step.theta}
+            entry |= {"old": f"state-{number - 1:06d}.bin", "new": f"state-{number:06d}.bin"}
+            entries.append(entry | {"quantities": quantities_of(system.stepping(old, step), states[-1])})
+    return scene, mesh, states, entries
+
+
+@pytest.fixture
+def run(tmp_path, solved_run):
+    """Run folder, its scene, and a copy of the entries of its list."""
+    scene, mesh, states, entries = solved_run
+    write_mesh(tmp_path / "mesh.bin", mesh)
+    for number, state in enumerate(states[1:], start=1):
+        write_state(tmp_path / f"state-{number:06d}.bin", state)
+    values = {key: value for key, value in CHANGES.items() if not isinstance(value, str)}
+    (tmp_path / "point-0001.json").write_text(json.dumps({"parameters": values}))
+    rewrite(tmp_path, entries)
+    return tmp_path, scene, [entry | {"quantities": dict(entry["quantities"])} for entry in entries]
+
+
+def rewrite(directory, entries):
+    (directory / "steps.json").write_text(json.dumps(entries))
+
+
+def test_run_folder_of_steps_is_checked(run):
+    directory, scene, entries = run
+    report = check_run(directory, scene)
+    assert report.failures == []
+    assert report.kinematics is not None
+    assert report.forces.total.residual[0] == entries[1]["quantities"]["drag"]
+    for name in ("drag_coefficient", "lift_coefficient"):  # not every step needs them
+        del entries[0]["quantities"][name]
+    rewrite(directory, entries)
+    report = check_run(directory, scene)
+    assert report.passed
+    assert report.coefficient_difference < 1e-12
+
+
+def test_worst_step_counts(run):
+    directory, scene, entries = run
+    drag = entries[0]["quantities"]["drag"]
+    entries[0]["quantities"]["drag"] *= 1.0 + 1e-6
+    entries[1]["quantities"]["drag"] *= 1.0 + 1e-7
+    rewrite(directory, entries)
+    report = check_run(directory, scene)
+    assert report.drag_difference == pytest.approx(1e-6, rel=1e-3)
+    assert failing(report) == {"drag_difference"}
+    first, second = report.failures
+    assert " in step 2 at 0.1 s, allowed is 1e-08" in first
+    assert second.startswith(f"recomputed: drag {drag:.12g} N/m") and second.endswith(" in step 2 at 0.1 s")
+    del entries[1]["quantities"]["drag"]
+    rewrite(directory, entries)
+    assert " is inf in step 4 at 0.18 s" in check_run(directory, scene).failures[0]
+
+
+def test_number_that_is_none_in_one_step_fails(run):
+    directory, scene, entries = run
+    entries[1]["quantities"]["lift"] = math.nan
+    rewrite(directory, entries)
+    report = check_run(directory, scene)
+    assert failing(report) == {"lift_difference"}
+    assert "is nan in step 4 at 0.18 s" in report.failures[0]
+
+
+def test_inverted_triangle_in_one_step_fails(run, solved_run):
+    directory, scene, entries = run
+    _, mesh, states, _ = solved_run
+    for entry in entries:
+        changed = copy(states[entry["step"]])
+        changed.u[largest(mesh.p2_coordinates, System.build(problem_from_scene(scene), mesh).rows.mesh_motion)[0]] += (
+            1.0
+        )
+        write_state(directory / entry["new"], changed)
+        report = check_run(directory, scene)
+        assert report.min_jacobian < 0.0
+        (text,) = (text for text in report.failures if text.startswith("min_jacobian: "))
+        assert f" in step {entry['step']} at " in text
+        write_state(directory / entry["new"], states[entry["step"]])
+
+
+def test_exchanged_files_are_seen(run):
+    directory, scene, entries = run
+    entries[0]["old"], entries[1]["old"] = entries[1]["old"], entries[0]["old"]
+    rewrite(directory, entries)
+    assert {"momentum", "kinematics"} <= failing(check_run(directory, scene))
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        (dict(k=0.051, theta=0.551), r"k = 0\.051 s, at most 0\.05 s"),
+        (dict(theta=0.5), r"theta = 0\.5, expected 0\.55"),
+        (dict(theta=1.0), r"theta = 1\.0, expected 0\.55"),
+        (dict(time=0.04), r"its start is at -0\.01\d* s"),
+        (dict(time=0.19), r"its end is at 0\.19 s, the last at 0\.18 s"),
+        (dict(k=0.0), "no time step: k = 0.0 s"),
+    ],
+    ids=str,
+)
+def test_step_that_the_scene_does_not_have_is_refused(run, changes, message):
+    directory, scene, entries = run
+    rewrite(directory, [entries[0] | changes])
+    with pytest.raises(ValueError, match=message):
+        check_run(directory, scene)
+
+
+def test_run_with_other_parameters_than_the_scene_is_refused(run):
+    directory, scene, _ = run
+    other = with_values(scene, {"inflow.ramp": 0.13})
+    with pytest.raises(ValueError, match=r"the run used inflow\.ramp = 0\.12 but the scene says 0\.13"):
+        check_run(directory, other)
+
+
+def test_run_without_checked_steps_is_refused(run):
+    directory, scene, entries = run
+    rewrite(directory, [])
+    with pytest.raises(ValueError, match=r"steps\.json: no step is listed"):
+        check_run(directory, scene)
+    rewrite(directory, [{key: value for key, value in entries[0].items() if key not in ("k", "old")}])
+    with pytest.raises(ValueError, match=r"steps\.json: an entry without k, old"):
+        check_run(directory, scene)
+    (directory / "steps.json").unlink()
+    with pytest.raises(FileNotFoundError, match=r"steps\.json"):
+        check_run(directory, scene)
+
+
+def test_missing_state_of_a_step_is_an_error(run):
+    directory, scene, entries = run
+    (directory / entries[1]["old"]).unlink()
+    with pytest.raises(FileNotFoundError, match=r"state-000003\.bin"):
+        check_run(directory, scene)
+
+
+@pytest.mark.parametrize(
+    ("scheme", "theta"), [("backward-euler", 1.0), ("crank-nicolson", 0.5), ("shifted-crank-nicolson", 0.54)]
+)
+def test_theta_of_the_schemes(scheme, theta):
+    changes = {"mesh_motion.kind": "harmonic", "time.step": 0.02, "time.end": 1.0, "time.shift": 2.0}
+    scene = with_values(CASES["flap-svk"], changes | {"time.scheme": scheme})
+    refuse_other_step(scene, Step(0.02, theta, 0.5))
+    with pytest.raises(ValueError, match=r"theta = .*, expected"):
+        refuse_other_step(scene, Step(0.02, theta - 1e-6, 0.5))
+
+
+def test_steady_scene_has_no_steps():
+    with pytest.raises(ValueError, match="flap-svk: a time step, but the scene is steady"):
+        refuse_other_step(CASES["flap-svk"], Step(0.1, 0.5, 0.5))

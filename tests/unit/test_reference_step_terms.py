@@ -1,0 +1,203 @@
+"""Terms of a time step, and its Jacobian."""
+
+import math
+
+import numpy as np
+import pytest
+from test_reference_cases import (
+    cantilever_problem,
+    channel_mesh,
+    channel_problem,
+    profile,
+    roof_mesh,
+    roof_problem,
+)
+from test_reference_step import THETA, K, beating, rest
+
+from ffsi.rawfiles import RawState
+from ffsi.reference.materials import NeoHookean
+from ffsi.reference.problem import Solid
+from ffsi.reference.residual import compute_residual
+from ffsi.reference.solve import jacobian, residual_vector
+from ffsi.reference.step import Step
+from ffsi.reference.system import System
+
+
+def random_state(system, seed, size=0.006):
+    rng, mesh = np.random.default_rng(seed), system.mesh
+    shape = (mesh.n_p2, 2)
+    u = size * rng.normal(size=shape)
+    pressed = system.rows.incompressibility
+    p = rng.normal(size=len(mesh.vertices))
+    return RawState(u, rng.normal(size=shape), p, rng.normal(size=pressed.shape) * pressed)
+
+
+def random_step(problem, mesh):
+    """System of a step from a random state, and a random state at its end."""
+    system = System.build(problem, mesh)
+    step = Step(K, 0.7, 0.3)
+    return system.stepping(random_state(system, 1), step), random_state(system, 2)
+
+
+class Points:
+    """Fields of a state at the quadrature points, by the formulas of docs/discretisation.md."""
+
+    def __init__(self, elements, state):
+        u, v = state.u[elements.nodes], state.v[elements.nodes]
+        self.f = np.eye(2) + np.einsum("tai,tqaj->tqij", u, elements.gradients)
+        self.j = np.linalg.det(self.f)
+        self.cof = self.j[..., None, None] * np.linalg.inv(self.f).swapaxes(-1, -2)
+        self.g = np.einsum("tai,tqaj->tqij", v, elements.gradients) @ self.cof.swapaxes(-1, -2)
+        self.v = np.einsum("qa,tai->tqi", elements.basis, v)
+        self.u = np.einsum("qa,tai->tqi", elements.basis, u)
+        self.p = np.einsum("qa,ta->tq", elements.p1, state.p[elements.vertices])
+
+    def viscous(self, viscosity):
+        return (viscosity / self.j)[..., None, None] * (self.g + self.g.swapaxes(-1, -2)) @ self.cof
+
+
+def assemble(elements, n2, density=None, flux=None):
+    total = np.zeros((n2, 2))
+    if density is not None:
+        np.add.at(total, elements.nodes, np.einsum("tq,qa,tqi->tai", elements.weights, elements.basis, density))
+    if flux is not None:
+        np.add.at(total, elements.nodes, np.einsum("tq,tqij,tqaj->tai", elements.weights, flux, elements.gradients))
+    return total
+
+
+def test_terms_of_the_fluid_are_the_formulas_of_the_document():
+    gravity = np.array([0.3, -0.8])
+    system, state = random_step(channel_problem(gravity=(0.3, -0.8)), channel_mesh())
+    elements, step, law = system.fluid.elements, system.increment.step, system.fluid.law
+    new, old = Points(elements, state), Points(elements, system.increment.old)
+    w = (new.u - old.u) / K
+    theta, n2 = step.theta, system.mesh.n_p2
+    j_theta = (theta * new.j + (1 - theta) * old.j)[..., None]
+    carried = [np.einsum("tqij,tqj->tqi", at.g, at.v - w) for at in (new, old)]
+    viscous = [at.viscous(law.viscosity) for at in (new, old)]
+    expected = {
+        "inertia": assemble(elements, n2, law.density * j_theta * (new.v - old.v) / K),
+        "convection": assemble(elements, n2, law.density * (theta * carried[0] + (1 - theta) * carried[1])),
+        "viscosity": assemble(elements, n2, flux=theta * viscous[0] + (1 - theta) * viscous[1]),
+        "pressure": assemble(elements, n2, flux=-new.p[..., None, None] * new.cof),
+        "gravity": assemble(elements, n2, -law.density * j_theta * gravity),
+    }
+    residual = compute_residual(system, state)
+    found = residual.equations["momentum"].terms
+    assert found.keys() == {*expected, "outlet"}
+    for name, term in expected.items():
+        np.testing.assert_allclose(found[name], term, rtol=0, atol=1e-13 * np.abs(term).max(), err_msg=name)
+    np.testing.assert_allclose(residual.fluid_force, sum(expected.values()), rtol=0, atol=1e-12)
+    outlets = []
+    for at in (state, system.increment.old):
+        steady = System.build(system.problem, system.mesh)
+        outlets.append(compute_residual(steady, at).equations["momentum"].terms["outlet"])
+    np.testing.assert_allclose(found["outlet"], theta * outlets[0] + (1 - theta) * outlets[1], rtol=0, atol=1e-15)
+
+
+@pytest.mark.parametrize("formulation", ["displacement", "mixed"])
+def test_terms_of_a_solid_are_the_formulas_of_the_document(formulation):
+    lame_lambda, mu, density = 60.0, 30.0, 1.5
+    solid = Solid(density, NeoHookean(lame_lambda, mu), formulation)
+    system, state = random_step(cantilever_problem(solids={2: solid}), channel_mesh(region=2))
+    elements, step, n2 = system.solids[2].elements, system.increment.step, system.mesh.n_p2
+    new, old = Points(elements, state), Points(elements, system.increment.old)
+    stresses = []
+    for at in (new, old):
+        stress = mu * (at.f - at.cof / at.j[..., None, None])
+        if formulation == "displacement":
+            stress = stress + (lame_lambda * np.log(at.j) / at.j)[..., None, None] * at.cof
+        stresses.append(stress)
+    expected = {
+        "stress in region 2": assemble(elements, n2, flux=step.theta * stresses[0] + (1 - step.theta) * stresses[1]),
+        "inertia": assemble(elements, n2, density * (new.v - old.v) / K),
+        "gravity": assemble(elements, n2, density * np.broadcast_to([0.0, 1.0], new.v.shape)),
+    }
+    if formulation == "mixed":
+        pressure = np.einsum("qa,ta->tq", elements.p1, state.ps[0][elements.vertices])
+        expected["pressure in region 2"] = assemble(elements, n2, flux=-pressure[..., None, None] * new.cof)
+    residual = compute_residual(system, state)
+    found = residual.equations["momentum"].terms
+    assert found.keys() == expected.keys()
+    for name, term in expected.items():
+        np.testing.assert_allclose(found[name], term, rtol=0, atol=1e-13 * np.abs(term).max(), err_msg=name)
+    before = system.increment.old
+    left = (state.u - before.u) / K - step.theta * state.v - (1 - step.theta) * before.v
+    free = system.mesh.p2_coordinates[:, 0] > 0.0
+    largest_velocity = np.hypot(*state.v.T).max()
+    assert residual.kinematics == pytest.approx(np.abs(left[free]).max() / largest_velocity, rel=1e-13)
+
+
+def test_inertia_is_one_term_of_fluid_and_solids():
+    system, state = random_step(roof_problem(), roof_mesh(4))
+    found = compute_residual(system, state).equations["momentum"].terms["inertia"]
+    old = system.increment.old
+    expected = np.zeros_like(found)
+    for part in (system.fluid, *system.solids.values()):
+        new_at, old_at = Points(part.elements, state), Points(part.elements, old)
+        factor = part.law.density
+        if part is system.fluid:
+            factor = factor * (0.7 * new_at.j + 0.3 * old_at.j)[..., None]
+        expected += assemble(part.elements, len(found), factor * (new_at.v - old_at.v) / K)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13 * np.abs(found).max())
+
+
+def test_other_equations_are_those_of_the_new_state():
+    system, state = random_step(roof_problem(), roof_mesh(4))
+    found = compute_residual(system, state).equations
+    steady = compute_residual(System.build(system.problem, system.mesh), state).equations
+    for name in ("continuity", "mesh_motion", "incompressibility"):
+        np.testing.assert_array_equal(found[name].residual, steady[name].residual)
+
+
+STEP_PROBLEMS = {
+    "roof": (roof_problem(), roof_mesh(4)),
+    "channel": (channel_problem(), channel_mesh(4, 2)),
+    "cantilever": (cantilever_problem(), channel_mesh(4, 2, region=2)),
+}
+
+
+@pytest.mark.parametrize("name", STEP_PROBLEMS)
+def test_jacobian_of_a_step_is_the_derivative_of_its_residual(name):
+    system, state = random_step(*STEP_PROBLEMS[name])
+    exact, differences = (jacobian(system, state, method) for method in ("complex-step", "divided-difference"))
+    np.testing.assert_allclose(differences.toarray(), exact.toarray(), rtol=0, atol=1e-6 * np.abs(exact.data).max())
+    change = random_state(system, 8)
+    fields = [(getattr(state, field), getattr(change, field)) for field in ("u", "v", "p", "ps")]
+
+    def moved(t):
+        new = RawState(*(value + t * direction for value, direction in fields))
+        return residual_vector(system, new, compute_residual(system, new))
+
+    expected = (moved(1e-4) - moved(-1e-4)) / 2e-4
+    found = exact @ np.concatenate([direction.ravel() for _, direction in fields])
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-6 * np.abs(expected).max())
+
+
+def test_solid_alone_has_velocities_in_time():
+    mesh = channel_mesh(region=2)
+    steady = System.build(cantilever_problem(), mesh)
+    rows = steady.stepping(rest(steady), Step(K, THETA, K)).rows
+    free = mesh.p2_coordinates[:, 0] > 0.0
+    assert steady.rows.v_given.all() and not steady.rows.kinematics.any()
+    for found, expected in ((rows.v_given, ~free), (rows.u_given, ~free), (rows.kinematics, free)):
+        np.testing.assert_array_equal(found, expected)
+
+
+def test_inflow_is_that_of_the_new_time():
+    problem, mesh = channel_problem(inflow_factor=beating), channel_mesh()
+    system = System.build(problem, mesh)
+    inlet = mesh.p2_coordinates[:, 0] == 0.0
+    heights = profile(mesh.p2_coordinates[inlet, 1])
+    stepping = system.stepping(rest(system), Step(K, THETA, 0.4))
+    np.testing.assert_allclose(stepping.rows.prescribed.v[inlet, 0], beating(0.4) * heights, rtol=1e-15)
+    np.testing.assert_array_equal(system.rows.prescribed.v[inlet, 0], heights)
+
+
+@pytest.mark.parametrize(
+    "numbers",
+    [(0.0, 0.5, 1.0), (-0.1, 0.5, 1.0), (0.1, 0.0, 1.0), (0.1, 1.1, 1.0), (math.nan, 1, 1), (0.1, 1, math.inf)],
+)
+def test_numbers_that_are_no_step_are_refused(numbers):
+    with pytest.raises(ValueError, match="no time step"):
+        Step(*numbers)
