@@ -111,7 +111,9 @@ def _material(flap: Elastic) -> list[Remark]:
         return [MOONEY_RIVLIN, _volume(flap, "Mooney-Rivlin"), *_bulk_modulus(flap)]
     if isinstance(flap, NeoHookean):
         return [_volume(flap, "neo-Hookean"), NEO_HOOKEAN]
-    return [_volume(flap, "St. Venant-Kirchhoff")]
+    if isinstance(flap, StVenantKirchhoff):
+        return [_volume(flap, "St. Venant-Kirchhoff")]
+    return []
 
 
 def _volume(flap: Elastic, law: str) -> Remark:
