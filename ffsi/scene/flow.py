@@ -18,7 +18,9 @@ PROFILES = {"parabolic": "1.5 * 4 * y * (H - y) / H^2", "uniform": "1"}
 
 
 class Inflow(Table):
-    """Velocity at the inlet: v_x = mean_velocity * profile(y), v_y = 0; in time v_x * ramp(t) * waveform(t).
+    """Velocity at the inlet, normal to it and inwards: mean_velocity * profile(y), in time * ramp(t) * waveform(t).
+
+    y is the distance from the inlet's start (`geometry.inlet`).
 
     The ramp is (1 - cos(pi t/ramp))/2 until t = ramp and 1 from then on.
     """
@@ -26,7 +28,8 @@ class Inflow(Table):
     mean_velocity: Speed = Field(description="mean velocity of the built-in profiles, m/s")
     profile: str = Field(
         "parabolic",
-        description='"parabolic", "uniform" or a dimensionless formula in y and H, both in m (H: channel height)',
+        description='"parabolic", "uniform" or a dimensionless formula in y (along the inlet) and H (its length), '
+        "both in m",
     )
     ramp: Duration | None = Field(
         None, description="time in which the inflow grows from rest by a cosine (none if absent; needs a table time), s"

@@ -156,7 +156,7 @@ class Scene(Table):
     def _inflow_problems(self) -> Iterator[Problem]:
         if self.inflow is None or not isinstance(self.geometry, ChannelGeometry):
             return
-        height = self.geometry.channel_height
+        height = self.geometry.inlet.height
         y = np.linspace(0.0, height, 201)
         bad = y[~np.isfinite(self.inflow.expression.evaluate(y=y, H=height))]
         if bad.size:
@@ -217,7 +217,7 @@ class Scene(Table):
         return self.geometry.exact_areas(self.physics)
 
     def inflow_profile(self) -> Callable[[ArrayLike], NDArray[np.float64]]:
-        """Return the function y (m, 0 to channel height) -> v_x (m/s) at the inlet.
+        """Return the function s (m, 0 to H, from the inlet's start) -> velocity (m/s) into the fluid at the inlet.
 
         In time it is to be multiplied by `inflow.factor(t)`.
 
@@ -226,8 +226,8 @@ class Scene(Table):
         """
         if self.inflow is None or not isinstance(self.geometry, ChannelGeometry):
             raise SceneError([Problem("inflow", "a scene without a fluid has none")])
-        mean, expression, height = self.inflow.mean_velocity, self.inflow.expression, self.geometry.channel_height
-        return lambda y: mean * expression.evaluate(y=y, H=height)
+        mean, expression, height = self.inflow.mean_velocity, self.inflow.expression, self.geometry.inlet.height
+        return lambda s: mean * expression.evaluate(y=s, H=height)
 
     def parameters(self) -> dict[str, int | float]:
         """Return every number of the scene by its dotted key, in SI, in the scene's order."""

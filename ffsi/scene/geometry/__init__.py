@@ -4,7 +4,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from ffsi.scene.geometry.base import ChannelGeometry, ElementSizes, GeometryBase, Physics
+from ffsi.scene.geometry.base import ChannelGeometry, ElementSizes, GeometryBase, Inlet, Physics
 from ffsi.scene.geometry.cantilever import Cantilever
 from ffsi.scene.geometry.channel_cavity import ChannelCavity
 from ffsi.scene.geometry.channel_cylinder import Beam, ChannelCylinder
@@ -26,6 +26,7 @@ __all__ = [
     "FlapChannel",
     "Geometry",
     "GeometryBase",
+    "Inlet",
     "Physics",
     "Roof",
 ]

@@ -33,6 +33,21 @@ class ElementSizes:
     corner_size: float
 
 
+@dataclass(frozen=True)
+class Inlet:
+    """The straight boundary through which the fluid enters.
+
+    Args:
+        start: the end (x, y) of it from which it runs along `inward` turned by +90 degrees, m; s = 0 there.
+        inward: unit vector (x, y) into the fluid.
+        height: its length H, m.
+    """
+
+    start: tuple[float, float]
+    inward: tuple[float, float]
+    height: float
+
+
 class GeometryBase(Table, ABC):
     """A reference domain; lengths in m.
 
@@ -105,8 +120,8 @@ class ChannelGeometry(GeometryBase):
 
     @property
     @abstractmethod
-    def channel_height(self) -> float:
-        """Height H of the channel at the inlet, y from 0 to H, m."""
+    def inlet(self) -> Inlet:
+        """Where the fluid enters; the mesh template gives the script the same as inletX, ..., inletHeight."""
 
     @property
     @abstractmethod

@@ -9,7 +9,7 @@ from pydantic import Field
 
 from ffsi.scene.boundaries import CLAMPED, INLET, LEFT_LIP, OUTER, OUTLET, RIGHT_LIP, SURFACE, WALLS, Boundary
 from ffsi.scene.errors import Problem
-from ffsi.scene.geometry.base import ChannelGeometry, ElementSizes, Physics, surface_role
+from ffsi.scene.geometry.base import ChannelGeometry, ElementSizes, Inlet, Physics, surface_role
 from ffsi.scene.units import Length
 
 
@@ -43,9 +43,9 @@ class ChannelCavity(ChannelGeometry):
         ]
 
     @property
-    def channel_height(self) -> float:
-        """Height of the channel above the cavity, m."""
-        return self.height
+    def inlet(self) -> Inlet:
+        """The channel's left end."""
+        return Inlet(start=(0.0, 0.0), inward=(1.0, 0.0), height=self.height)
 
     @property
     def solid_names(self) -> tuple[str, ...]:

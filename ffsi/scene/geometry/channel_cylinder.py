@@ -10,7 +10,7 @@ from pydantic import Field
 from ffsi.scene.base import Table
 from ffsi.scene.boundaries import CLAMPED, CYLINDER, INLET, OUTLET, SURFACE, WALLS, Boundary
 from ffsi.scene.errors import Problem
-from ffsi.scene.geometry.base import ChannelGeometry, ElementSizes, Physics, surface_role
+from ffsi.scene.geometry.base import ChannelGeometry, ElementSizes, Inlet, Physics, surface_role
 from ffsi.scene.units import Coordinate, Length
 
 
@@ -53,9 +53,9 @@ class ChannelCylinder(ChannelGeometry):
         return found
 
     @property
-    def channel_height(self) -> float:
-        """Height of the channel, m."""
-        return self.height
+    def inlet(self) -> Inlet:
+        """The channel's left end."""
+        return Inlet(start=(0.0, 0.0), inward=(1.0, 0.0), height=self.height)
 
     @property
     def solid_names(self) -> tuple[str, ...]:
