@@ -11,7 +11,7 @@ from ffsi.paper.pictures import FIELDS, file_name
 from ffsi.paper.statements import statements
 from ffsi.paper.sweeps import NOT_REACHED, Outcome
 from ffsi.report import formulas
-from ffsi.scene import Scene
+from ffsi.scene import Newtonian, Scene
 from ffsi.scene.geometry import FlapChannel
 from ffsi.verification import NOTHING, TextTable, number
 
@@ -122,7 +122,7 @@ def open_values(cases: Sequence[PaperCase], outcomes: Mapping[Curve, Outcome]) -
 
 def _open(scene: Scene) -> list[tuple[str, str]]:
     geometry, fluid = scene.geometry, scene.fluid
-    assert isinstance(geometry, FlapChannel) and fluid is not None and scene.forces is not None
+    assert isinstance(geometry, FlapChannel) and isinstance(fluid, Newtonian) and scene.forces is not None
     found = [
         ("left side of the flap", f"x = {geometry.flap_left:g} m"),
         ("density of the fluid", f"{fluid.density:g} kg/m³, the density of Table 1"),

@@ -36,7 +36,7 @@ def problem_from_scene(scene: Scene) -> Problem:
 
     return Problem(
         name=scene.name,
-        fluid=Fluid(scene.fluid.density, scene.fluid.viscosity) if scene.fluid else None,
+        fluid=Fluid(scene.fluid.density, scene.fluid.viscosity) if scene.fluid else None,  # type: ignore[union-attr]
         boundaries=tuple(Boundary(b.name, b.label, b.role, b.part, b.circle) for b in boundaries(scene)),
         solids={
             region: Solid(solid.density, _material(name, solid), getattr(solid, "formulation", "displacement"))

@@ -6,6 +6,7 @@ from ffsi.scene.errors import Problem, SceneError
 from ffsi.scene.expressions import Expression, ExpressionError
 from ffsi.scene.files import load_scene
 from ffsi.scene.flow import Forces, Inflow, Outlet
+from ffsi.scene.fluids import Carreau, Casson, Fluid, Newtonian, PowerLaw
 from ffsi.scene.geometry import (
     Beam,
     Cantilever,
@@ -19,7 +20,7 @@ from ffsi.scene.geometry import (
     Roof,
 )
 from ffsi.scene.loads import Gravity, Traction
-from ffsi.scene.materials import Fluid, MooneyRivlin, NeoHookean, Solid, StVenantKirchhoff
+from ffsi.scene.materials import MooneyRivlin, NeoHookean, Solid, StVenantKirchhoff
 from ffsi.scene.model import Scene
 from ffsi.scene.numerics import Mesh, MeshMotion, Output, Solver
 from ffsi.scene.overrides import parse_overrides, with_values
@@ -32,6 +33,8 @@ __all__ = [
     "Beam",
     "Boundary",
     "Cantilever",
+    "Carreau",
+    "Casson",
     "ChannelCavity",
     "ChannelCylinder",
     "CookMembrane",
@@ -48,9 +51,11 @@ __all__ = [
     "MeshMotion",
     "MooneyRivlin",
     "NeoHookean",
+    "Newtonian",
     "Outlet",
     "Output",
     "Physics",
+    "PowerLaw",
     "Problem",
     "Role",
     "Roof",

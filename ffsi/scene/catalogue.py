@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from ffsi.scene.flow import Forces, Inflow, Outlet
+from ffsi.scene.fluids import Newtonian
 from ffsi.scene.geometry import Beam, Cantilever, ChannelCavity, ChannelCylinder, CookMembrane, FlapChannel, Roof
 from ffsi.scene.loads import Gravity, Traction
-from ffsi.scene.materials import Fluid, MooneyRivlin, NeoHookean, Solid, StVenantKirchhoff
+from ffsi.scene.materials import MooneyRivlin, NeoHookean, Solid, StVenantKirchhoff
 from ffsi.scene.model import Scene
 from ffsi.scene.numerics import Mesh, MeshMotion
 from ffsi.scene.time import Time
@@ -36,7 +37,7 @@ def flap(name: str, description: str, solid: Solid, mesh: Mesh, roof: Solid | No
         description=description,
         geometry=FlapChannel(roof=Roof() if roof else None),
         mesh=mesh,
-        fluid=Fluid(density=1.0, viscosity=1e-3),
+        fluid=Newtonian(density=1.0, viscosity=1e-3),
         solid={"flap": solid, "roof": roof} if roof else {"flap": solid},
         # The mesh must follow a tip that moves by two thirds of the flap's height.
         mesh_motion=MeshMotion(kind="hyperelastic", stiffness_exponent=1.0, divergence_weight=5.0),
@@ -74,7 +75,7 @@ def turek(
         description=description,
         geometry=ChannelCylinder(beam=Beam()),
         mesh=(Mesh() if solid else FLOW_MESH) if wet else BEAM_MESH,
-        fluid=Fluid(density=1000.0, viscosity=1.0) if wet else None,
+        fluid=Newtonian(density=1000.0, viscosity=1.0) if wet else None,
         solid=solid,
         gravity=None if wet else Gravity(y=-2.0),
         mesh_motion=MeshMotion(divergence_weight=4.0) if wet and solid and time else None,
@@ -99,7 +100,7 @@ def cylinder(name: str, description: str, inflow: Inflow, time: Time | None = No
         description=description,
         geometry=ChannelCylinder(length=2.2),
         mesh=CYLINDER_MESH,
-        fluid=Fluid(density=1.0, viscosity=1e-3),
+        fluid=Newtonian(density=1.0, viscosity=1e-3),
         inflow=inflow,
         outlet=DO_NOTHING,
         forces=Forces(reference_length=0.1),
@@ -177,7 +178,7 @@ def _scenes() -> list[Scene]:
             name="cavity-flexible-floor",
             description="Channel over a cavity with a flexible floor (Tukovic et al. 2018)",
             geometry=ChannelCavity(),
-            fluid=Fluid(density=1.0, viscosity=0.01),
+            fluid=Newtonian(density=1.0, viscosity=0.01),
             solid={"floor": floor},
             inflow=Inflow(mean_velocity=1.0),
             outlet=DO_NOTHING,

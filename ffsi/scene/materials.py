@@ -1,4 +1,4 @@
-"""The fluid and the solids: densities and constitutive laws."""
+"""The solids: densities and constitutive laws."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from ffsi.scene.base import Table, refuse
 from ffsi.scene.errors import Problem, number_text, short
-from ffsi.scene.units import Density, Modulus, NonNegativeModulus, Quantity, Stress, Viscosity
+from ffsi.scene.units import Density, Modulus, NonNegativeModulus, Quantity, Stress
 
 ELASTIC_PAIRS: tuple[tuple[str, str], ...] = (
     ("lame_lambda", "lame_mu"),
@@ -22,14 +22,6 @@ ELASTIC_CONSTANTS: tuple[str, ...] = ("lame_lambda", "lame_mu", "young_modulus",
 
 PAIRS_TEXT = ", ".join(f"({first}, {second})" for first, second in ELASTIC_PAIRS)
 PoissonRatio = Annotated[float, Quantity("1", above=-1.0, below=0.5)]
-
-
-class Fluid(Table):
-    """An incompressible fluid."""
-
-    density: Density = Field(description="density, kg/m^3")
-    viscosity: Viscosity = Field(description="dynamic viscosity, Pa s")
-    law: Literal["newtonian"] = Field("newtonian", description='viscosity law: "newtonian"')
 
 
 class Elastic(Table, ABC):

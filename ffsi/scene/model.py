@@ -13,9 +13,10 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 from ffsi.scene.base import Table, refuse
 from ffsi.scene.errors import Problem, SceneError, join, names, nearest, short
 from ffsi.scene.flow import Forces, Inflow, Outlet
+from ffsi.scene.fluids import Fluid
 from ffsi.scene.geometry import ChannelGeometry, ElementSizes, FlapChannel, Geometry, GeometryBase, Physics
 from ffsi.scene.loads import Gravity, Traction
-from ffsi.scene.materials import Fluid, Solid
+from ffsi.scene.materials import Solid
 from ffsi.scene.numerics import Mesh, MeshMotion, Output, Solver
 from ffsi.scene.time import Time
 from ffsi.scene.toml import parse_toml, write_toml

@@ -9,6 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from ffsi.scene.errors import Problem, SceneError, short
+from ffsi.scene.fluids import LAWS
 from ffsi.scene.materials import (
     ELASTIC_CONSTANTS,
     ELASTIC_PAIRS,
@@ -54,6 +55,7 @@ def with_values(scene: Scene, values: Mapping[str, Any]) -> Scene:
             "incompressible" drops what that form does not have: of (lame_lambda, lame_mu) and (lame_mu, poisson_ratio)
             it keeps lame_mu, of (young_modulus, poisson_ratio) young_modulus; Mooney-Rivlin loses bulk_modulus.
             Constants among the new values win. The way back needs the constants that are then missing.
+            A new viscosity law, too, keeps the constants that it knows.
 
     Raises:
         SceneError: a key or value is not valid.
@@ -66,6 +68,10 @@ def with_values(scene: Scene, values: Mapping[str, Any]) -> Scene:
     for name, solid in scene.solid.items():
         if not {"solid", f"solid.{name}"} & set(values):
             problems += _adapt_solid(f"solid.{name}.", solid, values, table["solid"][name])
+    law = values.get("fluid.law")
+    if isinstance(law, str) and law in LAWS and "fluid" in table:
+        for key in table["fluid"].keys() - LAWS[law].model_fields.keys():
+            del table["fluid"][key]
     for key, value in values.items():
         problems += _put(table, key, value)
     if problems:

@@ -32,6 +32,7 @@ _EXAMPLES = {
     "Pa": "0.5 MPa",
     "s": "10 min",
     "1/s": "2 s^-1",
+    "s^2": "10 s^2",
 }
 
 
@@ -87,7 +88,7 @@ class Quantity:
     """Annotation of a float field: its SI unit and the range that is accepted.
 
     Args:
-        unit: SI unit, "1" for a number without dimension.
+        unit: SI unit, "1" for a number without dimension, "Pa s^m" where m is a value of the scene.
         above: exclusive lower bound in ``unit``.
         at_least: inclusive lower bound in ``unit``.
         below: exclusive upper bound in ``unit``.
@@ -106,7 +107,8 @@ class Quantity:
         text = f"a number {limits}".rstrip()
         if self.unit == "1":
             return text
-        return f'{text} in {self.unit}, or a string with a unit such as "{_EXAMPLES[self.unit]}"'
+        example = _EXAMPLES.get(self.unit)
+        return f"{text} in {self.unit}" + (f', or a string with a unit such as "{example}"' if example else "")
 
     def __call__(self, value: Any) -> float:
         """Return the value in SI.
@@ -115,7 +117,7 @@ class Quantity:
             PydanticCustomError: it is no finite number, has a wrong dimension or is out of range.
         """
         if isinstance(value, str):
-            if self.unit == "1":
+            if self.unit not in _EXAMPLES:
                 raise self._refused("text is not accepted here")
             try:
                 number = to_si(value, self.unit)
@@ -186,8 +188,11 @@ Speed = Annotated[float, Quantity("m/s", at_least=0.0)]
 Acceleration = Annotated[float, Quantity("m/s^2")]
 Density = Annotated[float, Quantity("kg/m^3", above=0.0)]
 Viscosity = Annotated[float, Quantity("Pa s", above=0.0)]
+Consistency = Annotated[float, Quantity("Pa s^m", above=0.0)]
 Modulus = Annotated[float, Quantity("Pa", above=0.0)]
 NonNegativeModulus = Annotated[float, Quantity("Pa", at_least=0.0)]
 Stress = Annotated[float, Quantity("Pa")]
 Duration = Annotated[float, Quantity("s", above=0.0)]
+SquaredTime = Annotated[float, Quantity("s^2", above=0.0)]
 Rate = Annotated[float, Quantity("1/s", at_least=0.0)]
+ShearRate = Annotated[float, Quantity("1/s", above=0.0)]

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 Model = type[BaseModel]
 
 # The keys that choose one model of a union.
-_TAGS = ("kind", "material")
+_TAGS = ("kind", "material", "law")
 
 
 def scene_problems(error: ValidationError, root: Model) -> list[Problem]:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from ffsi.scene import CASES, FlapChannel, Fluid, Scene, SceneError, load_scene, with_values
+from ffsi.scene import CASES, FlapChannel, Newtonian, Scene, SceneError, load_scene, with_values
 
 # Case, override, fragments of the message. The first fragment is the start of the line: the key and the value.
 OVERRIDES = [
@@ -465,7 +465,7 @@ def test_one_mistake_is_one_problem(override: str, problems: int) -> None:
 
 def test_models_built_in_python_raise_the_same_error() -> None:
     with pytest.raises(SceneError, match=r"^viscosity = -1: out of range"):
-        Fluid(density=1, viscosity=-1)
+        Newtonian(density=1, viscosity=-1)
     with pytest.raises(SceneError, match=r"^flap_height = 1 m: must be less than height = 0.4 m$"):
         FlapChannel(flap_height=1)
     with pytest.raises(SceneError, match=r"^fluid.viscosity = nan: not a finite"):

@@ -14,8 +14,8 @@ from ffsi.scene import (
     ChannelCylinder,
     CookMembrane,
     FlapChannel,
-    Fluid,
     Inflow,
+    Newtonian,
     Outlet,
     Scene,
     StVenantKirchhoff,
@@ -274,7 +274,7 @@ def test_python_and_toml_give_the_same_scene() -> None:
     built = Scene(
         name="a",
         geometry=ChannelCylinder(beam=Beam(length=0.3)),
-        fluid=Fluid(density=1, viscosity=1),
+        fluid=Newtonian(density=1, viscosity=1),
         inflow=Inflow(mean_velocity=1),
         outlet=Outlet(kind="do-nothing"),
     )

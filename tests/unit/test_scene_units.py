@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from pydantic import BaseModel
 
-from ffsi.scene import Fluid, Scene, SceneError, Solver, to_si
+from ffsi.scene import Newtonian, Scene, SceneError, Solver, to_si
 from ffsi.scene.units import Quantity
 from ffsi.scene.validation import _models
 
@@ -57,7 +57,7 @@ def test_refused(text: str) -> None:
 
 
 def test_numbers_are_si_and_become_floats() -> None:
-    fluid = Fluid(density=1, viscosity=np.float64(2e-3))
+    fluid = Newtonian(density=1, viscosity=np.float64(2e-3))
     assert (fluid.density, fluid.viscosity) == (1.0, 0.002)
     assert type(fluid.density) is float
     assert type(fluid.viscosity) is float
@@ -68,7 +68,7 @@ def test_numbers_are_si_and_become_floats() -> None:
 @pytest.mark.parametrize("value", [True, None, float("nan"), float("inf"), 1j, [1.0], 10**400, "1e-3"])
 def test_no_number(value: Any) -> None:
     with pytest.raises(SceneError):
-        Fluid(density=1, viscosity=value)
+        Newtonian(density=1, viscosity=value)
 
 
 def fields(model: type[BaseModel], prefix: str = "") -> Iterator[tuple[str, Any]]:

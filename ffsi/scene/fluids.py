@@ -1,0 +1,77 @@
+"""The fluid: density and viscosity law."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal, get_args
+
+from pydantic import BeforeValidator, Field
+
+from ffsi.scene.base import Table
+from ffsi.scene.units import (
+    Consistency,
+    Density,
+    NonNegativeModulus,
+    PositiveNumber,
+    Quantity,
+    ShearRate,
+    SquaredTime,
+    Viscosity,
+)
+
+_CarreauExponent = Annotated[float, Quantity("1", at_least=-0.5, below=0.0)]
+
+
+class IncompressibleFluid(Table):
+    """An incompressible fluid; a viscosity law derives from it and adds its constants.
+
+    A law's `law` field is its name. g is the shear rate, g^2 = 2 D:D with the rate of deformation D.
+    """
+
+    density: Density = Field(description="density, kg/m^3")
+
+
+class Newtonian(IncompressibleFluid):
+    """A fluid of constant viscosity."""
+
+    viscosity: Viscosity = Field(description="dynamic viscosity, Pa s")
+    law: Literal["newtonian"] = Field("newtonian", description='viscosity law: "newtonian"')
+
+
+class Carreau(IncompressibleFluid):
+    """Shear-thinning fluid: mu = mu_inf + (mu_0 - mu_inf) (1 + K g^2)^n; by default blood (Johnston et al. 2004)."""
+
+    viscosity_zero: Viscosity = Field(0.056, description="dynamic viscosity mu_0 at rest, Pa s")
+    viscosity_infinity: Viscosity = Field(0.00345, description="dynamic viscosity mu_inf at large shear rates, Pa s")
+    time_constant_squared: SquaredTime = Field(10.976, description="constant K, the square of a time, s^2")
+    exponent: _CarreauExponent = Field(-0.3216, description="exponent n of 1 + K g^2, dimensionless")
+    law: Literal["carreau"] = Field("carreau", description='viscosity law: "carreau"')
+
+
+class PowerLaw(IncompressibleFluid):
+    """Power law, regularised at rest: mu = c (g^2 + e^2)^((m-1)/2), shear-thinning for m below 1."""
+
+    consistency: Consistency = Field(description="consistency c, Pa s^m")
+    exponent: PositiveNumber = Field(description="exponent m of the shear stress c g^m, dimensionless")
+    regularisation: ShearRate = Field(0.01, description="shear rate e below which the viscosity levels off, 1/s")
+    law: Literal["power-law"] = Field("power-law", description='viscosity law: "power-law"')
+
+
+class Casson(IncompressibleFluid):
+    """Casson's law, regularised at rest: mu = (sqrt(mu_inf) + sqrt(tau_y) (g^2 + e^2)^(-1/4))^2."""
+
+    yield_stress: NonNegativeModulus = Field(description="yield stress tau_y, Pa")
+    viscosity_infinity: Viscosity = Field(description="dynamic viscosity mu_inf at large shear rates, Pa s")
+    regularisation: ShearRate = Field(0.01, description="shear rate e below which the viscosity levels off, 1/s")
+    law: Literal["casson"] = Field("casson", description='viscosity law: "casson"')
+
+
+def _newtonian_by_default(fluid: Any) -> Any:
+    return {"law": "newtonian", **fluid} if isinstance(fluid, Mapping) else fluid
+
+
+_Law = Newtonian | Carreau | PowerLaw | Casson
+Fluid = Annotated[_Law, Field(discriminator="law"), BeforeValidator(_newtonian_by_default)]
+LAWS: dict[str, type[IncompressibleFluid]] = {
+    name: law for law in get_args(_Law) for name in get_args(law.model_fields["law"].annotation)
+}
