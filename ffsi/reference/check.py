@@ -82,8 +82,8 @@ def check_step(
 ) -> CheckReport:
     """Check that the time step from ``old`` to ``new`` solves ``problem``, and the forces reported at its end.
 
-    Of ``old`` only u and v enter. A program that solves its steps to a looser accuracy than ``tolerance`` needs a
-    larger one. Other arguments and errors are those of ``check_state``.
+    The pressure of ``old`` enters where a ``mixed`` solid has it. A program that solves its steps to a looser accuracy
+    than ``tolerance`` needs a larger one. Other arguments and errors are those of ``check_state``.
     """
     system = System.build(problem, mesh).stepping(old, step)
     return _report([_examine(system, new, reported_quantities)], tolerance)

@@ -72,14 +72,13 @@ def _force(system: System, fluid: FluidPart, state: RawState, residual: Residual
 
 
 def _balanced_stress(system: System, fluid: FluidPart, sides: Sides, state: RawState) -> Floats:
-    """Stress at the Gauss points of sides as the momentum has it: in a time step the viscous part is a mean."""
+    """Stress at the Gauss points of sides as the momentum has it, that of both ends of a time step."""
     new = side_flow(fluid, sides, state)
-    viscous = new.viscous_flux(fluid.law.viscosity)
-    if (increment := system.increment) is not None:
-        old = side_flow(fluid, sides, increment.old)
-        viscous = increment.step.mean(viscous, old.viscous_flux(fluid.law.viscosity))
-    result: Floats = new.pressure_flux + viscous
-    return result
+    if (increment := system.increment) is None:
+        result: Floats = new.pressure_flux + new.viscous_flux(fluid.law.viscosity)
+        return result
+    old = side_flow(fluid, sides, increment.old)
+    return sum(terms.step_fluxes(fluid.law, increment.step, new, old).values(), np.zeros(()))
 
 
 def side_forces(sides: Sides, stress: Floats) -> Floats:

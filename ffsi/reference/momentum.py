@@ -5,7 +5,9 @@ What is assembled and what is differentiated both come from here. Local unknowns
 
 from collections.abc import Mapping
 
-from ffsi.rawfiles import Ints, RawState
+import numpy as np
+
+from ffsi.rawfiles import Floats, Ints, RawState
 from ffsi.reference import terms
 from ffsi.reference.materials import Array
 from ffsi.reference.system import FluidPart, SolidPart, System
@@ -26,8 +28,16 @@ def solid_momentum(system: System, solid: SolidPart, u: Array, v: Array, p: Arra
     gravity, elements = system.problem.gravity, solid.elements
     if (increment := system.increment) is None:
         return terms.solid_momentum(solid.law, gravity, elements, u, p)
-    before = old_motion(increment.old, elements.nodes)
-    return terms.solid_step(solid.law, gravity, elements, increment.step, terms.Motion(u, v), before, p)
+    before, old_p = old_motion(increment.old, elements.nodes), solid_pressure(solid, increment.old)
+    return terms.solid_step(solid.law, gravity, elements, increment.step, terms.Motion(u, v), before, p, old_p)
+
+
+def solid_pressure(solid: SolidPart, state: RawState) -> Floats:
+    """Pressure at the vertices of the solid's triangles, (n, 3) pascals; (n, 0) for a solid without one."""
+    if solid.pressure is None:
+        return np.zeros((len(solid.elements), 0))
+    pressure: Floats = state.ps[solid.pressure][solid.elements.vertices]
+    return pressure
 
 
 def outlet(system: System, fluid: FluidPart, nodes: Ints, v: Array) -> Array:

@@ -170,16 +170,9 @@ def _mesh_motion(system: System, fluid: FluidPart, motion: MeshMotion, state: Ra
 
 def _solid_momentum(system: System, solid: SolidPart, state: RawState) -> dict[str, Floats]:
     nodes = solid.elements.nodes
-    local = momentum.solid_momentum(system, solid, state.u[nodes], state.v[nodes], _solid_pressure(solid, state))
+    p = momentum.solid_pressure(solid, state)
+    local = momentum.solid_momentum(system, solid, state.u[nodes], state.v[nodes], p)
     return {name: scatter(term, nodes, system.mesh.n_p2) for name, term in local.items()}
-
-
-def _solid_pressure(solid: SolidPart, state: RawState) -> Floats:
-    """Pressure at the vertices of the solid's triangles, (n, 3) pascals; (n, 0) for a solid without one."""
-    if solid.pressure is None:
-        return np.zeros((len(solid.elements), 0))
-    pressure: Floats = state.ps[solid.pressure][solid.elements.vertices]
-    return pressure
 
 
 def _traction(system: System) -> Floats:
@@ -195,7 +188,7 @@ def _incompressibility(system: System, state: RawState) -> Equation:
     mixed, nv = [system.solids[region] for region in system.problem.mixed_regions], state.ps.shape[1]
     parts = []
     for solid in mixed:
-        elements, u, p = solid.elements, state.u[solid.elements.nodes], _solid_pressure(solid, state)
+        elements, u, p = solid.elements, state.u[solid.elements.nodes], momentum.solid_pressure(solid, state)
         local = terms.incompressibility(solid.law, elements, u, p)
         parts.append({name: scatter(term[..., None], elements.vertices, nv) for name, term in local.items()})
     assembled = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
@@ -265,7 +258,7 @@ def _solid_magnitude(solid: SolidPart, state: RawState) -> Floats:
     if material is None:
         size = solid.law.material.stiffness * strain
     else:
-        pressure = np.abs(_solid_pressure(solid, state)).max(axis=1)
+        pressure = np.abs(momentum.solid_pressure(solid, state)).max(axis=1)
         size = material.base_stiffness * strain + pressure * np.sqrt(elements.area)
     return _spread(size, elements, len(state.u))
 

@@ -105,24 +105,35 @@ def fluid_momentum(fluid: Fluid, gravity: Vector, elements: Elements, flow: Flow
     }
 
 
+def step_fluxes(fluid: Fluid, step: Step, new: Flow, old: Flow) -> dict[str, Array]:
+    """Stress of a time step by its parts, (n, q, 2, 2) pascals: pressure and viscosity.
+
+    The pressure is the new one only, one value for the step, but the surface that it acts on is the mean of both ends;
+    the viscous part is the mean.
+    """
+    surface = step.mean(new.cofactor, old.cofactor)
+    viscosity = step.mean(new.viscous_flux(fluid.viscosity), old.viscous_flux(fluid.viscosity))
+    return {"pressure": -new.pressure[..., None, None] * surface, "viscosity": viscosity}
+
+
 def fluid_step(
     fluid: Fluid, gravity: Vector, elements: Elements, step: Step, new: Flow, old: Flow, mesh_velocity: Array
 ) -> dict[str, Array]:
     """Terms of the fluid's momentum in a time step, (n, 6, 2): those of ``fluid_momentum`` and the inertia.
 
     ``new`` and ``old`` are the flows at both ends of the step, ``mesh_velocity`` (n, 7, 2) metres per second that of
-    the mesh in between. The convection is by the velocity relative to the mesh; the pressure is the new one only.
+    the mesh in between. The convection is by the velocity relative to the mesh.
     """
     jacobian = step.mean(new.jacobian, old.jacobian)[..., None]
     convection = step.mean(
         *(np.einsum("tqij,tqj->tqi", flow.transport, flow.velocity - mesh_velocity) for flow in (new, old))
     )
-    viscosity = step.mean(*(against_gradient(flow.viscous_flux(fluid.viscosity), elements) for flow in (new, old)))
+    fluxes = step_fluxes(fluid, step, new, old)
     return {
         "inertia": against_value(fluid.density * jacobian * step.rate(new.velocity, old.velocity), elements),
         "convection": against_value(fluid.density * convection, elements),
-        "pressure": against_gradient(new.pressure_flux, elements),
-        "viscosity": viscosity,
+        "pressure": against_gradient(fluxes["pressure"], elements),
+        "viscosity": against_gradient(fluxes["viscosity"], elements),
         "gravity": against_value(-fluid.density * jacobian * np.array(gravity), elements),
     }
 
@@ -172,17 +183,19 @@ def solid_momentum(solid: Solid, gravity: Vector, elements: Elements, u: Array, 
 
 
 def solid_step(
-    solid: Solid, gravity: Vector, elements: Elements, step: Step, new: Motion, old: Motion, p: Array
+    solid: Solid, gravity: Vector, elements: Elements, step: Step, new: Motion, old: Motion, p: Array, old_p: Array
 ) -> dict[str, Array]:
     """Terms of a solid's momentum in a time step, (n, 6, 2): those of ``solid_momentum`` and the inertia.
 
-    ``p`` (n, 3) is the new pressure of a mixed solid: its term is implicit, the stress is the mean of both ends.
+    ``p``, ``old_p`` (n, 3) are the pressures of a mixed solid. All stresses are means of both ends; but an
+    incompressible solid's pressure, a multiplier, has one value for the step, the new one. A compressible one's is a
+    function of J, which belongs to the time of its F.
     """
-    now, before = (solid_momentum(solid, gravity, elements, motion.u, p) for motion in (new, old))
+    pressures = (p, p if solid.formulation == "incompressible" else old_p)
+    ends = [solid_momentum(solid, gravity, elements, at.u, q) for at, q in zip((new, old), pressures, strict=True)]
     acceleration = elements.basis @ step.rate(new.v, old.v)
-    return now | {
-        "stress": step.mean(now["stress"], before["stress"]),
-        "inertia": against_value(solid.density * acceleration, elements),
+    return {name: step.mean(*(end[name] for end in ends)) for name in ends[0]} | {
+        "inertia": against_value(solid.density * acceleration, elements)
     }
 
 

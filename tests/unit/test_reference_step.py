@@ -174,6 +174,11 @@ def mean_pressure(fluid, gravity, elements, step, new, old, w):
     return local | {"pressure": terms.against_gradient(flux, elements)}
 
 
+def end_surface(fluid, gravity, elements, step, new, old, w):
+    local = FLUID_STEP(fluid, gravity, elements, step, new, old, w)
+    return local | {"pressure": terms.against_gradient(new.pressure_flux, elements)}
+
+
 WRONG_FLUID = {
     "no mesh velocity": no_mesh_velocity,
     "velocity of the fluid": other_mesh_velocity,
@@ -184,6 +189,7 @@ WRONG_FLUID = {
     "implicit viscosity": implicit("viscosity"),
     "implicit gravity": implicit("gravity"),
     "pressure as a mean": mean_pressure,
+    "pressure on the new surface": end_surface,
 }
 
 
@@ -199,17 +205,31 @@ def test_step_of_a_wrong_fluid_is_refused(wrong, monkeypatch):
 
 
 def wrong_stress(weight):
-    def wrong(solid, gravity, elements, step, new, old, p):
-        return SOLID_STEP(solid, gravity, elements, dataclasses.replace(step, theta=weight), new, old, p)
+    def wrong(solid, gravity, elements, step, new, old, p, old_p):
+        return SOLID_STEP(solid, gravity, elements, dataclasses.replace(step, theta=weight), new, old, p, old_p)
 
     return wrong
 
 
-def mean_solid_pressure(solid, gravity, elements, step, new, old, p):
-    local = SOLID_STEP(solid, gravity, elements, step, new, old, p)
+def wrong_pressure(surface, formulation):
+    """Pressure of the solids of one formulation: on the surface at the end of the step, or the new one in the mean."""
+
+    def wrong(solid, gravity, elements, step, new, old, p, old_p):
+        local = SOLID_STEP(solid, gravity, elements, step, new, old, p, old_p)
+        if solid.formulation == formulation:
+            motions = (new, new) if surface == "new" else (new, old)
+            ends = [terms.solid_momentum(solid, gravity, elements, at.u, p)["pressure"] for at in motions]
+            local["pressure"] = step.mean(*ends)
+        return local
+
+    return wrong
+
+
+def mean_of_both_pressures(solid, gravity, elements, step, new, old, p, old_p):
+    local = SOLID_STEP(solid, gravity, elements, step, new, old, p, old_p)
     if "pressure" in local:
-        before = terms.solid_momentum(solid, gravity, elements, old.u, p)["pressure"]
-        local["pressure"] = step.mean(local["pressure"], before)
+        ends = [terms.solid_momentum(solid, gravity, elements, *at)["pressure"] for at in ((new.u, p), (old.u, old_p))]
+        local["pressure"] = step.mean(*ends)
     return local
 
 
@@ -222,7 +242,10 @@ def implicit_outlet(system, fluid, nodes, v):
     [
         (terms, "solid_step", wrong_stress(1.0)),
         (terms, "solid_step", wrong_stress(0.5)),
-        (terms, "solid_step", mean_solid_pressure),
+        (terms, "solid_step", wrong_pressure("new", "mixed")),
+        (terms, "solid_step", wrong_pressure("mean", "mixed")),
+        (terms, "solid_step", wrong_pressure("new", "incompressible")),
+        (terms, "solid_step", mean_of_both_pressures),
         (momentum, "outlet", implicit_outlet),
     ],
 )
@@ -282,10 +305,12 @@ def test_a_thousandth_of_the_old_state_is_seen(flap, field):
         assert ("kinematics" in found) == (region == 2)
 
 
-def test_old_pressure_is_not_used(roof):
-    problem, mesh, old, new, step, quantities = roof
-    spoiled = dataclasses.replace(old, p=old.p + 1.0, ps=old.ps + 1.0)
+def test_of_the_old_pressures_only_that_of_a_mixed_solid_is_used(roof):
+    problem, mesh, old, new, step, quantities = roof  # of two solids: a mixed and an incompressible one
+    spoiled = dataclasses.replace(old, p=old.p + 1.0, ps=old.ps + np.array([[0.0], [1.0]]))
     assert check_step(problem, mesh, spoiled, new, step, quantities).failures == []
+    spoiled = dataclasses.replace(old, ps=old.ps * np.array([[1.001], [1.0]]))
+    assert failing(check_step(problem, mesh, spoiled, new, step, quantities)) == {"momentum"}
 
 
 def test_tolerance_is_that_of_the_caller(flap):

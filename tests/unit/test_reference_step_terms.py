@@ -79,7 +79,7 @@ def test_terms_of_the_fluid_are_the_formulas_of_the_document():
         "inertia": assemble(elements, n2, law.density * j_theta * (new.v - old.v) / K),
         "convection": assemble(elements, n2, law.density * (theta * carried[0] + (1 - theta) * carried[1])),
         "viscosity": assemble(elements, n2, flux=theta * viscous[0] + (1 - theta) * viscous[1]),
-        "pressure": assemble(elements, n2, flux=-new.p[..., None, None] * new.cof),
+        "pressure": assemble(elements, n2, flux=-new.p[..., None, None] * (theta * new.cof + (1 - theta) * old.cof)),
         "gravity": assemble(elements, n2, -law.density * j_theta * gravity),
     }
     residual = compute_residual(system, state)
@@ -95,9 +95,9 @@ def test_terms_of_the_fluid_are_the_formulas_of_the_document():
     np.testing.assert_allclose(found["outlet"], theta * outlets[0] + (1 - theta) * outlets[1], rtol=0, atol=1e-15)
 
 
-@pytest.mark.parametrize("formulation", ["displacement", "mixed"])
+@pytest.mark.parametrize("formulation", ["displacement", "mixed", "incompressible"])
 def test_terms_of_a_solid_are_the_formulas_of_the_document(formulation):
-    lame_lambda, mu, density = 60.0, 30.0, 1.5
+    lame_lambda, mu, density = 60.0 if formulation != "incompressible" else math.inf, 30.0, 1.5
     solid = Solid(density, NeoHookean(lame_lambda, mu), formulation)
     system, state = random_step(cantilever_problem(solids={2: solid}), channel_mesh(region=2))
     elements, step, n2 = system.solids[2].elements, system.increment.step, system.mesh.n_p2
@@ -113,9 +113,14 @@ def test_terms_of_a_solid_are_the_formulas_of_the_document(formulation):
         "inertia": assemble(elements, n2, density * (new.v - old.v) / K),
         "gravity": assemble(elements, n2, density * np.broadcast_to([0.0, 1.0], new.v.shape)),
     }
-    if formulation == "mixed":
-        pressure = np.einsum("qa,ta->tq", elements.p1, state.ps[0][elements.vertices])
-        expected["pressure in region 2"] = assemble(elements, n2, flux=-pressure[..., None, None] * new.cof)
+    if formulation != "displacement":
+        p, p_old = (
+            np.einsum("qa,ta->tq", elements.p1, at.ps[0][elements.vertices])[..., None, None]
+            for at in (state, system.increment.old)
+        )
+        p_old = p if formulation == "incompressible" else p_old
+        flux = -step.theta * p * new.cof - (1 - step.theta) * p_old * old.cof
+        expected["pressure in region 2"] = assemble(elements, n2, flux=flux)
     residual = compute_residual(system, state)
     found = residual.equations["momentum"].terms
     assert found.keys() == expected.keys()
