@@ -16,11 +16,12 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from ffsi import weakform
 from ffsi.scene import Boundary, Scene, boundaries
+from ffsi.scene.boundaries import STRUTS
 from ffsi.scene.materials import CompressibleElastic
 from ffsi.scene.units import Count, Quantity
 
-# Keys that are no numbers of the mathematics and stay in Python.
-PYTHON_ONLY = ("solver.time_limit",)
+# Keys that are no numbers of the mathematics, or decide the structure, and stay in Python.
+PYTHON_ONLY = ("solver.time_limit", "geometry.stent.count")
 
 
 @dataclass(frozen=True)
@@ -169,7 +170,8 @@ def _context(scene: Scene, mumps: bool) -> dict[str, Any]:
         "boundaries": outline,
         "regions": [{"number": number, "name": name} for number, name in _regions(scene)],
         "curved": curved,
-        "curved_mesh": [b for b in outline if b.circle],
+        "curved_mesh": [b for b in outline if b.circle or b.curved],
+        "strut_label": STRUTS,
         "inlet_labels": _labels(outline, "inlet"),
         "outlet_labels": _labels(outline, "outlet"),
         "interface_labels": _labels(outline, "interface"),

@@ -8,6 +8,7 @@ from ffsi.scene.files import load_scene
 from ffsi.scene.flow import Forces, Inflow, Outlet
 from ffsi.scene.fluids import Carreau, Casson, Fluid, Newtonian, PowerLaw
 from ffsi.scene.geometry import (
+    Aneurysm,
     Beam,
     Cantilever,
     ChannelCavity,
@@ -18,6 +19,7 @@ from ffsi.scene.geometry import (
     Geometry,
     Physics,
     Roof,
+    Stent,
 )
 from ffsi.scene.loads import Gravity, Traction
 from ffsi.scene.materials import MooneyRivlin, NeoHookean, Solid, StVenantKirchhoff
@@ -30,6 +32,7 @@ from ffsi.scene.units import to_si
 __all__ = [
     "CASES",
     "STEADY_CASES",
+    "Aneurysm",
     "Beam",
     "Boundary",
     "Cantilever",
@@ -64,6 +67,7 @@ __all__ = [
     "Solid",
     "Solver",
     "StVenantKirchhoff",
+    "Stent",
     "Time",
     "Traction",
     "boundaries",

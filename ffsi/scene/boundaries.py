@@ -11,6 +11,8 @@ if TYPE_CHECKING:
 Role = Literal["inlet", "outlet", "no-slip", "interface", "clamped", "free", "loaded"]
 
 INLET, OUTLET, WALLS, CYLINDER, SURFACE, CLAMPED, OUTER, LEFT_LIP, RIGHT_LIP, ROOF, ROOF_ENDS, LOADED = range(1, 13)
+INNER_WALL, OUTER_WALL, DOME_WALL = range(13, 16)
+STRUTS = 20  # the first strut of a stent, the others follow
 
 
 @dataclass(frozen=True)
@@ -24,6 +26,7 @@ class Boundary:
         part: body part on which the fluid's force is reported, None if there is none.
         circle: centre x, centre y and radius in m of a boundary that is an arc, None if it is straight.
         exact_length: length of the exact curve, m.
+        curved: whether vertices lie on a curve that is no single circle; `circle` says where it is one.
     """
 
     name: str
@@ -32,6 +35,7 @@ class Boundary:
     exact_length: float
     part: str | None = None
     circle: tuple[float, float, float] | None = None
+    curved: bool = False
 
 
 def boundaries(scene: Scene) -> list[Boundary]:

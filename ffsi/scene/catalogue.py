@@ -3,8 +3,17 @@
 from __future__ import annotations
 
 from ffsi.scene.flow import Forces, Inflow, Outlet
-from ffsi.scene.fluids import Newtonian
-from ffsi.scene.geometry import Beam, Cantilever, ChannelCavity, ChannelCylinder, CookMembrane, FlapChannel, Roof
+from ffsi.scene.fluids import Fluid, Newtonian
+from ffsi.scene.geometry import (
+    Aneurysm,
+    Beam,
+    Cantilever,
+    ChannelCavity,
+    ChannelCylinder,
+    CookMembrane,
+    FlapChannel,
+    Roof,
+)
 from ffsi.scene.loads import Gravity, Traction
 from ffsi.scene.materials import MooneyRivlin, NeoHookean, Solid, StVenantKirchhoff
 from ffsi.scene.model import Scene
@@ -20,6 +29,7 @@ CYLINDER_MESH = Mesh(growth=0.4, far_size=0.05, body_size=0.008, corner_size=0.0
 BEAM_MESH = Mesh(growth=0.5, far_size=0.09, body_size=0.012, corner_size=0.001)
 
 DO_NOTHING = Outlet(kind="do-nothing")
+BLOOD = Newtonian(density=1035.0, viscosity=3.5e-3)
 
 
 def flap(name: str, description: str, solid: Solid, mesh: Mesh, roof: Solid | None = None) -> Scene:
@@ -108,6 +118,29 @@ def cylinder(name: str, description: str, inflow: Inflow, time: Time | None = No
     )
 
 
+def aneurysm(name: str, description: str, fluid: Fluid) -> Scene:
+    """Return the steady flow of blood through an aneurysm with elastic walls.
+
+    Args:
+        name: name of the case.
+        description: one line of text.
+        fluid: the blood.
+    """
+    wall = {"material": "neo-hookean", "formulation": "incompressible", "density": 1120.0}
+    return Scene(
+        name=name,
+        description=description,
+        geometry=Aneurysm(),
+        fluid=fluid,
+        solid={
+            "vessel": NeoHookean.model_validate(wall | {"young_modulus": 1.0e6}),
+            "dome": NeoHookean.model_validate(wall | {"young_modulus": 1.0e5}),
+        },
+        inflow=Inflow(mean_velocity=0.05 / 1.5),  # a peak of 0.05 m/s
+        outlet=DO_NOTHING,
+    )
+
+
 def periodic(step: float, end: float) -> Time:
     """Return time steps (s) until the motion is periodic, at the latest until `end` (s)."""
     return Time(step=step, end=end, stop="periodic")
@@ -184,6 +217,7 @@ def _scenes() -> list[Scene]:
             outlet=DO_NOTHING,
             forces=Forces(reference_length=1.0),
         ),
+        aneurysm("aneurysm", "Aneurysm with elastic walls, steady flow, Newtonian blood", BLOOD),
         Scene(
             name="cook",
             description="Cook's membrane, neo-Hookean; other constants, materials and formulations by --set",

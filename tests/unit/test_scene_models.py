@@ -42,6 +42,7 @@ PHYSICS = {
     "cylinder-2d1": "fluid",
     "cylinder-2d2": "fluid",
     "cavity-flexible-floor": "fsi",
+    "aneurysm": "fsi",
     "cook": "solid",
     "cantilever": "solid",
 }
@@ -120,6 +121,9 @@ def test_catalogue_physics_and_levels() -> None:
                           "geometry.length": 2.2, "forces.reference_length": 0.1, "time.step": 0.005, "time.end": 10}),
         ("cylinder-2d1", {"fluid.density": 1, "fluid.viscosity": 1e-3, "inflow.mean_velocity": 0.2,
                           "geometry.length": 2.2, "geometry.height": 0.41, "forces.reference_length": 0.1}),
+        ("aneurysm", {"fluid.density": 1035, "fluid.viscosity": 3.5e-3, "inflow.mean_velocity": 0.05 / 1.5,
+                      "solid.vessel.young_modulus": 1e6, "solid.dome.young_modulus": 1e5,
+                      "solid.vessel.density": 1120, "solid.dome.density": 1120}),
         ("cavity-flexible-floor", {"fluid.density": 1, "fluid.viscosity": 0.01, "inflow.mean_velocity": 1,
                                    "solid.floor.density": 1000, "solid.floor.young_modulus": 500,
                                    "solid.floor.poisson_ratio": 0.4, "forces.reference_length": 1}),

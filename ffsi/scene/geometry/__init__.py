@@ -4,6 +4,7 @@ from typing import Annotated
 
 from pydantic import Field
 
+from ffsi.scene.geometry.aneurysm import Aneurysm, Stent
 from ffsi.scene.geometry.base import ChannelGeometry, ElementSizes, GeometryBase, Inlet, Physics
 from ffsi.scene.geometry.cantilever import Cantilever
 from ffsi.scene.geometry.channel_cavity import ChannelCavity
@@ -12,10 +13,11 @@ from ffsi.scene.geometry.cook_membrane import CookMembrane
 from ffsi.scene.geometry.flap_channel import FlapChannel, Roof
 
 Geometry = Annotated[
-    FlapChannel | ChannelCylinder | ChannelCavity | CookMembrane | Cantilever, Field(discriminator="kind")
+    FlapChannel | ChannelCylinder | ChannelCavity | Aneurysm | CookMembrane | Cantilever, Field(discriminator="kind")
 ]
 
 __all__ = [
+    "Aneurysm",
     "Beam",
     "Cantilever",
     "ChannelCavity",
@@ -29,4 +31,5 @@ __all__ = [
     "Inlet",
     "Physics",
     "Roof",
+    "Stent",
 ]

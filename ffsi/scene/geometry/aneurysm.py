@@ -1,0 +1,193 @@
+"""An aneurysm: a dome on the outside of a bent vessel, with elastic or rigid walls."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection
+from typing import Annotated, ClassVar, Literal
+
+import numpy as np
+from pydantic import Field
+
+from ffsi.scene.base import Table
+from ffsi.scene.boundaries import (
+    CLAMPED,
+    DOME_WALL,
+    INLET,
+    INNER_WALL,
+    OUTER,
+    OUTER_WALL,
+    OUTLET,
+    STRUTS,
+    Boundary,
+)
+from ffsi.scene.errors import Problem, names
+from ffsi.scene.geometry import dome
+from ffsi.scene.geometry.base import ChannelGeometry, ElementSizes, Inlet, Physics, surface_role
+from ffsi.scene.units import Count, Length
+
+MAX_STRUTS = 20
+
+
+class Stent(Table):
+    """Struts of a stent in the neck: rigid circles, equally spaced on the line between the neck's ends."""
+
+    count: Annotated[int, Count(1, MAX_STRUTS)] = Field(5, description=f"number of struts, 1 to {MAX_STRUTS}")
+    diameter: Length = Field(0.1e-3, description="diameter of a strut, m")
+
+
+class Aneurysm(ChannelGeometry):
+    """Quarter of a bent vessel (upper left quadrant, around the origin) with a dome; solids ``vessel`` and ``dome``.
+
+    The lumen's outline (`ffsi/data/aneurysm.json`) is fixed: inflow at x = 0 towards -x, outflow at y = 0 towards -y.
+    The walls' end faces are clamped. ``vessel`` is the wall on both sides of the vessel's lumen, up to its outer radius
+    also beside the dome; ``dome`` is the wall around the dome outside of that.
+    """
+
+    # Level 2: two elements through the walls.
+    default_sizes: ClassVar[ElementSizes] = ElementSizes(
+        growth=0.3, far_size=1.0e-3, body_size=0.44e-3, corner_size=0.14e-3
+    )
+
+    kind: Literal["aneurysm"] = Field("aneurysm", description="name of the geometry")
+    wall_thickness: Length = Field(0.25e-3, description="thickness of the vessel's wall, m")
+    dome_wall_thickness: Length = Field(0.125e-3, description="thickness of the dome's wall, m")
+    stent: Stent | None = Field(None, description="struts across the neck (count, diameter in m); none if absent")
+
+    def problems(self) -> list[Problem]:
+        """Return what does not fit: walls thinner than what they surround, struts beside each other in the neck."""
+        found = [
+            *self._not_below("wall_thickness", self.wall_thickness, 0.5e-3, "a twelfth of the lumen's inner radius"),
+            *self._not_below("dome_wall_thickness", self.dome_wall_thickness, 0.3e-3, "a quarter of the dome's radius"),
+        ]
+        if self.stent is not None:
+            room = 0.8 * self.neck_length / self.stent.count
+            text = "0.8 times the neck's length per strut"
+            found += self._not_below("stent.diameter", self.stent.diameter, room, text)
+        return found
+
+    def scene_problems(self, solids: Collection[str], has_fluid: bool) -> list[Problem]:
+        """Return what a scene lacks: the fluid, or one of the two walls where the other one is elastic."""
+        found = [] if has_fluid else [Problem("fluid", f'missing; the geometry "{self.kind}" needs one')]
+        if solids:
+            text = f"missing; either both walls, {names(self.solid_names)}, are elastic or none"
+            found += [Problem(f"solid.{name}", text) for name in self.solid_names if name not in solids]
+        return found
+
+    # The outline --------------------------------------------------------------------------------------------------
+
+    @property
+    def radii(self) -> tuple[float, float, float, float]:
+        """Radii of the wall's inner side, of the lumen, and of the wall's outer side, m."""
+        inner, outer = dome.lumen().radii
+        return inner - self.wall_thickness, inner, outer, outer + self.wall_thickness
+
+    @property
+    def neck(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """The neck's ends, where the dome leaves the vessel's lumen: upstream and downstream, m."""
+        (x0, y0), (x1, y1) = dome.lumen().outline[[0, -1]].tolist()
+        return (x0, y0), (x1, y1)
+
+    @property
+    def neck_length(self) -> float:
+        """Distance of the neck's ends, m."""
+        return math.dist(*self.neck)
+
+    @property
+    def neck_angles(self) -> tuple[float, float]:
+        """Angles of the neck's ends around the origin, radians."""
+        (x0, y0), (x1, y1) = self.neck
+        return math.atan2(y0, x0), math.atan2(y1, x1)
+
+    @property
+    def sides(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Where the round part of the dome begins, seen from the neck's two ends, m."""
+        (x0, y0), (x1, y1) = dome.lumen().outline[[3, -2]].tolist()
+        return (x0, y0), (x1, y1)
+
+    @property
+    def spline(self) -> dict[str, list[float]]:
+        """The dome's curve for the script: `knot` and the coefficients `x3` to `x0`, `y3` to `y0` between them, m."""
+        table = {
+            f"{axis}{3 - i}": row.tolist()
+            for axis, rows in zip("xy", dome.coefficients(), strict=True)
+            for i, row in enumerate(rows)
+        }
+        return {"knot": dome.knots().tolist(), **table}
+
+    @property
+    def inlet(self) -> Inlet:
+        """The vessel's upper end."""
+        _, inner, outer, _ = self.radii
+        return Inlet(start=(0.0, outer), inward=(-1.0, 0.0), height=outer - inner)
+
+    @property
+    def solid_names(self) -> tuple[str, ...]:
+        """The two walls."""
+        return ("vessel", "dome")
+
+    @property
+    def tip(self) -> tuple[float, float]:
+        """The point of the dome's outline that is farthest from the middle of the neck, m."""
+        points = dome.lumen().outline
+        x, y = points[int(np.hypot(*(points - np.mean(self.neck, axis=0)).T).argmax())].tolist()
+        return x, y
+
+    @property
+    def reference_length(self) -> float:
+        """Width of the vessel's lumen, m."""
+        return self.inlet.height
+
+    @property
+    def struts(self) -> list[tuple[float, float, float]]:
+        """Centre x, centre y and radius of the stent's struts, m."""
+        if self.stent is None:
+            return []
+        start, end = np.array(self.neck)
+        places = (np.arange(self.stent.count) + 0.5) / self.stent.count
+        return [(x, y, self.stent.diameter / 2) for x, y in (start + places[:, None] * (end - start)).tolist()]
+
+    def exact_areas(self, physics: Physics) -> dict[str, float]:
+        """Return the areas in m^2 of "fluid", "vessel" and "dome", as sums of sectors around the origin."""
+        dry_inner, inner, outer, dry_outer = self.radii
+        start, end = self.neck_angles
+        wet = dome.crossing(dry_outer)  # where the dome's curve leaves the vessel's wall
+        dry = dome.crossing(dry_outer, self.dome_wall_thickness)
+        whole, beyond = float(dome.knots()[-1]), math.pi / 2
+        beside = (start - beyond) + (math.pi - end)
+        fluid = outer**2 / 2 * beside + dome.measures(0.0, whole)[1] - inner**2 / 2 * beyond
+        fluid -= sum(math.pi * radius**2 for *_, radius in self.struts)
+        walls = dry_outer**2 / 2 * ((wet.first_angle - beyond) + (math.pi - wet.second_angle)) - outer**2 / 2 * beside
+        walls -= dome.measures(0.0, wet.first)[1] + dome.measures(wet.second, whole)[1]
+        vessel = math.pi / 4 * (inner**2 - dry_inner**2) + walls
+        shell = (
+            dome.measures(dry.first, dry.second, self.dome_wall_thickness)[1] - dome.measures(wet.first, wet.second)[1]
+        )
+        feet = (dry.second_angle - wet.second_angle) + (wet.first_angle - dry.first_angle)
+        return self._keep({"fluid": fluid, "vessel": vessel, "dome": shell - dry_outer**2 / 2 * feet}, physics)
+
+    def boundaries(self, physics: Physics) -> list[Boundary]:
+        """Return inlet, outlet, the wet sides of the walls, struts, and the walls' end faces and outer sides."""
+        dry_inner, inner, outer, dry_outer = self.radii
+        start, end = self.neck_angles
+        quarter = math.pi / 2
+        role = surface_role(physics)
+        found = [
+            Boundary("inlet", INLET, "inlet", outer - inner),
+            Boundary("outlet", OUTLET, "outlet", outer - inner),
+            Boundary("inner_wall", INNER_WALL, role, quarter * inner, circle=(0.0, 0.0, inner)),
+            Boundary("outer_wall", OUTER_WALL, role, (start + quarter - end) * outer, circle=(0.0, 0.0, outer)),
+            Boundary("dome_wall", DOME_WALL, role, dome.measures(0.0, float(dome.knots()[-1]))[0], curved=True),
+        ]
+        for number, circle in enumerate(self.struts):
+            length = 2 * math.pi * circle[2]
+            found.append(Boundary(f"strut_{number + 1}", STRUTS + number, "no-slip", length, circle=circle))
+        if physics == "fsi":
+            dry = dome.crossing(dry_outer, self.dome_wall_thickness)
+            outside = dome.measures(dry.first, dry.second, self.dome_wall_thickness)[0]
+            outside += quarter * dry_inner + (dry.first_angle + quarter - dry.second_angle) * dry_outer
+            found += [
+                Boundary("wall_ends", CLAMPED, "clamped", 4 * self.wall_thickness),
+                Boundary("outer_side", OUTER, "free", outside, curved=True),
+            ]
+        return found
