@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ffsi.scene.flow import Forces, Inflow, Outlet
-from ffsi.scene.fluids import Fluid, Newtonian
+from ffsi.scene.fluids import Carreau, Fluid, Newtonian
 from ffsi.scene.geometry import (
     Aneurysm,
     Beam,
@@ -218,6 +218,9 @@ def _scenes() -> list[Scene]:
             forces=Forces(reference_length=1.0),
         ),
         aneurysm("aneurysm", "Aneurysm with elastic walls, steady flow, Newtonian blood", BLOOD),
+        aneurysm(
+            "aneurysm-carreau", "Aneurysm with elastic walls, steady flow, Carreau blood", Carreau(density=1035.0)
+        ),
         Scene(
             name="cook",
             description="Cook's membrane, neo-Hookean; other constants, materials and formulations by --set",

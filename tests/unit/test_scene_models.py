@@ -43,6 +43,7 @@ PHYSICS = {
     "cylinder-2d2": "fluid",
     "cavity-flexible-floor": "fsi",
     "aneurysm": "fsi",
+    "aneurysm-carreau": "fsi",
     "cook": "solid",
     "cantilever": "solid",
 }
