@@ -1,0 +1,134 @@
+"""The equations in their spatial form, differentiated numerically: sources of manufactured solutions.
+
+Nothing here comes from a template or from the checker. The fluid's sources are those of Navier-Stokes at the moving
+points x = X + u, which know nothing of a mesh: F, J and the mesh velocity enter only by where the points are.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+DENSITY, VISCOSITY = 1.3, 0.05
+SOLID_DENSITY, LAMBDA, MU = 2.0, 6.0, 3.0
+TINY, WIDTH = 1e-30, 0.05
+# Central differences of order 8: at this width exact to 1e-14, and analytic, so that a complex step passes through.
+WEIGHTS = np.array([4 / 5, -1 / 5, 4 / 105, -1 / 280])
+
+
+def gradient(function, points):
+    """Derivatives of (n, ...) values by the coordinates, (n, ..., 2)."""
+    columns = []
+    for unit in np.eye(2):
+        pairs = [function(points + m * WIDTH * unit) - function(points - m * WIDTH * unit) for m in range(1, 5)]
+        columns.append(sum(w * pair for w, pair in zip(WEIGHTS, pairs, strict=True)) / WIDTH)
+    return np.stack(columns, axis=-1)
+
+
+def divergence(function, points):
+    """Row divergence (n, 2) of a tensor field (n, 2, 2)."""
+    return sum(function(points + 1j * TINY * unit)[..., j].imag / TINY for j, unit in enumerate(np.eye(2)))
+
+
+def rate(function, t):
+    return function(t + 1j * TINY).imag / TINY
+
+
+def spherical(values):
+    return values[:, None, None] * np.eye(2)
+
+
+def cofactor(f):
+    return np.stack([np.stack([f[:, 1, 1], -f[:, 1, 0]], -1), np.stack([-f[:, 0, 1], f[:, 0, 0]], -1)], axis=1)
+
+
+def det(f):
+    return f[:, 0, 0] * f[:, 1, 1] - f[:, 0, 1] * f[:, 1, 0]
+
+
+def vector(*components):
+    return np.stack(np.broadcast_arrays(*components), axis=-1)
+
+
+@dataclass(frozen=True)
+class Swing:
+    """Amplitude 0.2 sin(2 t + phase) and its rate."""
+
+    phase: float
+
+    def __call__(self, t):
+        return 0.2 * np.sin(2.0 * t + self.phase)
+
+    def rate(self, t):
+        return 0.4 * np.cos(2.0 * t + self.phase)
+
+
+def beating(t):
+    return 1.0 + 0.5 * np.sin(3.0 * t)
+
+
+@dataclass(frozen=True)
+class Exact:
+    """Exact fields: u of X; velocity and pressure of the fluid of the place x; velocity and pressure of the solid of X.
+
+    A solid with a pressure of its own is neo-Hookean, whose pressure stands for all that resists a change of volume.
+    """
+
+    u: Callable
+    velocity: Callable = None
+    p: Callable = None
+    solid_velocity: Callable = None
+    solid_pressure: Callable = None
+
+    def place(self, x, t):
+        return x + self.u(x, t)
+
+    def deformation(self, x, t):
+        return np.eye(2) + gradient(lambda z: self.u(z, t), x)
+
+    def v(self, x, t):
+        """Velocity of the fluid at reference points."""
+        return self.velocity(self.place(x, t), t)
+
+    def cauchy(self, x, t):
+        g = gradient(lambda z: self.velocity(z, t), x)
+        return -spherical(self.p(x, t)) + VISCOSITY * (g + g.swapaxes(1, 2))
+
+    def fluid_force(self, x, t):
+        place, jacobian = self.place(x, t), det(self.deformation(x, t))
+        g = gradient(lambda z: self.velocity(z, t), place)
+        acceleration = rate(lambda s: self.velocity(place, s), t) + np.einsum("nij,nj->ni", g, self.velocity(place, t))
+        return jacobian[:, None] * (DENSITY * acceleration - divergence(lambda z: self.cauchy(z, t), place))
+
+    def fluid_stress(self, x, t):
+        return self.cauchy(self.place(x, t), t) @ cofactor(self.deformation(x, t))
+
+    def outlet_stress(self, x, t):
+        """What a do-nothing outlet leaves over: -p + mu grad v, without its transpose, on the reference boundary."""
+        place = self.place(x, t)
+        g = gradient(lambda z: self.velocity(z, t), place)
+        return (VISCOSITY * g - spherical(self.p(place, t))) @ cofactor(self.deformation(x, t))
+
+    def mass(self, x, t):
+        g = gradient(lambda z: self.velocity(z, t), self.place(x, t))
+        return det(self.deformation(x, t)) * np.trace(g, axis1=1, axis2=2)
+
+    def mesh_force(self, x, t, weight):
+        """What the harmonic mesh motion with this weight of div u, of stiffness 1, leaves over."""
+
+        def stress(z):
+            g = gradient(lambda y: self.u(y, t), z)
+            return g + weight * spherical(np.trace(g, axis1=1, axis2=2))
+
+        return -divergence(stress, x)
+
+    def solid_stress(self, x, t):
+        f = self.deformation(x, t)
+        if self.solid_pressure is not None:
+            return MU * f - spherical(self.solid_pressure(x, t) + MU / det(f)) @ cofactor(f)
+        strain = 0.5 * (f.swapaxes(1, 2) @ f - np.eye(2))
+        return f @ (LAMBDA * spherical(np.trace(strain, axis1=1, axis2=2)) + 2 * MU * strain)
+
+    def solid_force(self, x, t):
+        inertia = SOLID_DENSITY * rate(lambda s: self.solid_velocity(x, s), t)
+        return inertia - divergence(lambda z: self.solid_stress(z, t), x)
