@@ -100,7 +100,7 @@ class Scene(Table):
         ]
         refuse([problem for group in problems for problem in group])
         sizes = {key: getattr(self.mesh, key) for key in ElementSizes.__dataclass_fields__}
-        missing = {key: getattr(self.geometry.default_sizes, key) for key, size in sizes.items() if size is None}
+        missing = {key: getattr(self.geometry.sizes, key) for key, size in sizes.items() if size is None}
         if missing:
             self._fill("mesh", self.mesh.model_copy(update=missing))
         if isinstance(self.geometry, ChannelGeometry) and self.fluid and self.forces is None:
@@ -258,9 +258,9 @@ def _unknown_solid(name: str, geometry: GeometryBase) -> Problem:
     if name in geometry.optional_solids:
         return Problem(name, f'the geometry "{kind}" holds no {name} unless geometry.{name} is given')
     guess = nearest(name, [*valid, *geometry.optional_solids])
-    holds = names(valid)
-    if not valid:
-        holds = f"no solid unless {' or '.join(f'geometry.{other}' for other in geometry.optional_solids)} is given"
+    holds = names(valid) or "no solid"
+    if geometry.optional_solids and not valid:
+        holds += f" unless {' or '.join(f'geometry.{other}' for other in geometry.optional_solids)} is given"
     return Problem(name, f'unknown solid; the geometry "{kind}" holds {holds}', None, guess and f"solid.{guess}")
 
 

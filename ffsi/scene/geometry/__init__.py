@@ -7,19 +7,22 @@ from pydantic import Field
 from ffsi.scene.geometry.aneurysm import Aneurysm, Stent
 from ffsi.scene.geometry.base import ChannelGeometry, ElementSizes, GeometryBase, Inlet, Physics
 from ffsi.scene.geometry.cantilever import Cantilever
+from ffsi.scene.geometry.channel import Channel
 from ffsi.scene.geometry.channel_cavity import ChannelCavity
 from ffsi.scene.geometry.channel_cylinder import Beam, ChannelCylinder
 from ffsi.scene.geometry.cook_membrane import CookMembrane
 from ffsi.scene.geometry.flap_channel import FlapChannel, Roof
 
 Geometry = Annotated[
-    FlapChannel | ChannelCylinder | ChannelCavity | Aneurysm | CookMembrane | Cantilever, Field(discriminator="kind")
+    FlapChannel | ChannelCylinder | ChannelCavity | Channel | Aneurysm | CookMembrane | Cantilever,
+    Field(discriminator="kind"),
 ]
 
 __all__ = [
     "Aneurysm",
     "Beam",
     "Cantilever",
+    "Channel",
     "ChannelCavity",
     "ChannelCylinder",
     "ChannelGeometry",

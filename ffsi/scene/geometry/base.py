@@ -56,6 +56,8 @@ class GeometryBase(Table, ABC):
     """
 
     default_sizes: ClassVar[ElementSizes]
+    adapted: ClassVar[bool] = True
+    """Whether the mesh is adapted to the element sizes after the template has made a first one."""
     optional_solids: ClassVar[tuple[str, ...]] = ()
     """Names of solids that are there only if the geometry's table of the same name is given."""
 
@@ -68,6 +70,11 @@ class GeometryBase(Table, ABC):
     @abstractmethod
     def tip(self) -> tuple[float, float] | None:
         """Reference point (x, y) in m where tip_ux and tip_uy are taken; None if nothing can move."""
+
+    @property
+    def sizes(self) -> ElementSizes:
+        """Element sizes where a scene gives none."""
+        return self.default_sizes
 
     @property
     def probes(self) -> dict[str, tuple[float, float]]:
