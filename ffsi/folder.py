@@ -19,6 +19,7 @@ CHAIN = "chain.json"
 POINTS = "points.txt"
 HISTORY = "newton.csv"
 MESH = "mesh.bin"
+MESH_INPUT = "geometry.mesh"
 SWEEP = "sweep.toml"
 FAILED = "failed.json"
 FAILED_STATE = "failed.bin"
@@ -33,7 +34,7 @@ SERIES = "fields.pvd"
 LOGS = "freefem-*.log"
 IN_TIME = (TIME_HISTORY, STEPS, STATES, *CHECKPOINTS)
 # What a run starts from.
-DEFINITION = (SCRIPT, SCENE, CHAIN)
+DEFINITION = (SCRIPT, SCENE, CHAIN, MESH_INPUT)
 PICTURES = ("velocity", "pressure", "displacement")
 
 _OURS = (
@@ -46,6 +47,7 @@ _OURS = (
     POINTS,
     HISTORY,
     MESH,
+    MESH_INPUT,
     FAILED,
     FAILED_STATE,
     *IN_TIME,

@@ -17,6 +17,8 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from ffsi import weakform
 from ffsi.scene import Boundary, Scene, boundaries
 from ffsi.scene.boundaries import STRUTS
+from ffsi.scene.geometry import ChannelGeometry
+from ffsi.scene.geometry.mesh import STORED
 from ffsi.scene.materials import CompressibleElastic
 from ffsi.scene.units import Count, Quantity
 
@@ -77,7 +79,8 @@ class Parameter:
 
 def parameters(scene: Scene) -> list[Parameter]:
     """Return the run-time parameters of the scene's script, in the scene's order."""
-    numbers = {key: value for key, value in scene.parameters().items() if key not in PYTHON_ONLY}
+    unused = (*PYTHON_ONLY, "mesh.size_factor") if scene.geometry.kind == "mesh" else PYTHON_ONLY
+    numbers = {key: value for key, value in scene.parameters().items() if key not in unused}
     return [Parameter(key, value, index, _limits(scene, key)) for index, (key, value) in enumerate(numbers.items())]
 
 
@@ -107,14 +110,16 @@ def is_runtime_parameter(scene: Scene, key: str) -> bool:
     return any(parameter.key == key and parameter.kind == 1 for parameter in parameters(scene))
 
 
-def render(scene: Scene, *, mumps: bool = True) -> str:
+def render(scene: Scene, *, mumps: bool = True, mesh_file: str = STORED) -> str:
     """Return the complete FreeFEM script of a scene.
 
     Args:
         scene: a valid scene.
         mumps: whether FreeFEM's MUMPS plugin is there; without it the script uses UMFPACK.
+        mesh_file: where the script looks for the mesh of a scene with the geometry "mesh" unless told by a flag.
     """
-    text = _environment().get_template("scene.edp.j2").render(_context(scene, mumps))
+    context = {**_context(scene, mumps), "mesh_file": mesh_file}
+    text = _environment().get_template("scene.edp.j2").render(context)
     return text.rstrip() + "\n"
 
 
@@ -172,6 +177,7 @@ def _context(scene: Scene, mumps: bool) -> dict[str, Any]:
         "curved": curved,
         "curved_mesh": [b for b in outline if b.circle or b.curved],
         "strut_label": STRUTS,
+        "inlet": scene.geometry.inlet if fluid and isinstance(scene.geometry, ChannelGeometry) else None,
         "inlet_labels": _labels(outline, "inlet"),
         "outlet_labels": _labels(outline, "outlet"),
         "interface_labels": _labels(outline, "interface"),

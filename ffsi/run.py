@@ -17,7 +17,7 @@ from ffsi.folder import InputError
 from ffsi.freefem import Event, FreeFEMError, Installation, find_freefem, run_script
 from ffsi.render import is_runtime_parameter, render
 from ffsi.result import Result
-from ffsi.scene import Scene, with_values
+from ffsi.scene import Scene, stored, with_values
 
 logger = logging.getLogger(__name__)
 
@@ -393,7 +393,7 @@ def _execute(
     try:
         run_script(
             directory / folder.SCRIPT,
-            {"out": str(directory.absolute()), **arguments},
+            {"out": str(directory.absolute()), **_mesh_argument(scene, directory), **arguments},
             installation=installation,
             log=directory / folder.LOG,
             on_event=on_event,
@@ -406,6 +406,10 @@ def _execute(
     return None
 
 
+def _mesh_argument(scene: Scene, directory: Path) -> Mapping[str, str]:
+    return {"mesh": str((directory / folder.MESH_INPUT).absolute())} if scene.geometry.kind == "mesh" else {}
+
+
 def _start(point: _Point, installation: Installation, resume: bool) -> Mapping[str, str] | None:
     """Prepare a run folder; return the script's arguments, or None if only its files are still to be read."""
     if resume:
@@ -413,7 +417,7 @@ def _start(point: _Point, installation: Installation, resume: bool) -> Mapping[s
     script = render(point.scene, mumps=installation.has_mumps)
     folder.prepare(point.directory)
     folder.write_text(point.directory / folder.SCRIPT, script)
-    folder.write_text(point.directory / folder.SCENE, point.scene.to_toml())
+    folder.write_text(point.directory / folder.SCENE, stored(point.scene, point.directory).to_toml())
     return {}
 
 

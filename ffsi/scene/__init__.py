@@ -4,20 +4,20 @@ from ffsi.scene.boundaries import Boundary, Role, boundaries
 from ffsi.scene.catalogue import CASES, STEADY_CASES
 from ffsi.scene.errors import Problem, SceneError
 from ffsi.scene.expressions import Expression, ExpressionError
-from ffsi.scene.files import load_scene
+from ffsi.scene.files import load_scene, stored
 from ffsi.scene.flow import Forces, Inflow, Outlet
 from ffsi.scene.fluids import Carreau, Casson, Fluid, Newtonian, PowerLaw
 from ffsi.scene.geometry import (
     Aneurysm,
     Beam,
     Cantilever,
-    Channel,
     ChannelCavity,
     ChannelCylinder,
     CookMembrane,
     ElementSizes,
     FlapChannel,
     Geometry,
+    MeshGeometry,
     Physics,
     Roof,
     Stent,
@@ -39,7 +39,6 @@ __all__ = [
     "Cantilever",
     "Carreau",
     "Casson",
-    "Channel",
     "ChannelCavity",
     "ChannelCylinder",
     "CookMembrane",
@@ -53,6 +52,7 @@ __all__ = [
     "Gravity",
     "Inflow",
     "Mesh",
+    "MeshGeometry",
     "MeshMotion",
     "MooneyRivlin",
     "NeoHookean",
@@ -75,6 +75,7 @@ __all__ = [
     "boundaries",
     "load_scene",
     "parse_overrides",
+    "stored",
     "to_si",
     "with_values",
 ]

@@ -43,4 +43,4 @@ def boundaries(scene: Scene) -> list[Boundary]:
 
     Vertices lie on the circles of all arcs; given displacements move mid-edge nodes of no-slip boundaries only.
     """
-    return sorted(scene.geometry.boundaries(scene.physics), key=lambda boundary: boundary.label)
+    return sorted(scene.geometry.outline(scene.physics), key=lambda boundary: boundary.label)

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from ffsi.scene.catalogue import CASES
 from ffsi.scene.errors import Problem, SceneError, names, nearest, short
+from ffsi.scene.geometry import MeshGeometry
 from ffsi.scene.model import Scene
 from ffsi.scene.overrides import parse_overrides, with_values
 from ffsi.scene.toml import parse_toml
@@ -32,10 +34,17 @@ def load_scene(case_or_path: str | Path, overrides: Sequence[str] = ()) -> Scene
     return with_values(scene, values) if values else scene
 
 
+def stored(scene: Scene, directory: Path) -> Scene:
+    """Return the scene as `scene.toml` of a run folder has it; write a mesh of the user's own there too."""
+    if not isinstance(scene.geometry, MeshGeometry):
+        return scene
+    return scene.model_copy(update={"geometry": scene.geometry.store(directory)})
+
+
 def _find(case_or_path: str | Path) -> Scene:
     path = Path(case_or_path)
     if path.is_file():
-        return Scene.model_validate(parse_toml(_read(path), path.name))
+        return Scene.model_validate(_located(parse_toml(_read(path), path.name), path.parent))
     if path.is_dir():
         inner = path / "scene.toml"
         guess = str(inner) if inner.is_file() else None
@@ -47,6 +56,14 @@ def _find(case_or_path: str | Path) -> Scene:
     siblings = [str(other) for other in sorted(path.parent.glob("*.toml"))] if path.parent.is_dir() else []
     guess = nearest(str(path), siblings) or nearest(path.stem, CASES)
     raise SceneError([Problem("scene", "no such file", short(str(path)), guess)])
+
+
+def _located(table: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """Return the scene's table with the path of its mesh seen from here: in the file it is relative to the scene."""
+    geometry = table.get("geometry")
+    if isinstance(geometry, dict) and isinstance(geometry.get("file"), str):
+        return {**table, "geometry": {**geometry, "file": str(folder.absolute() / geometry["file"])}}
+    return table
 
 
 def _read(path: Path) -> str:

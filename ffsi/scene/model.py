@@ -14,7 +14,15 @@ from ffsi.scene.base import Table, refuse
 from ffsi.scene.errors import Problem, SceneError, join, names, nearest, short
 from ffsi.scene.flow import Forces, Inflow, Outlet
 from ffsi.scene.fluids import Fluid
-from ffsi.scene.geometry import ChannelGeometry, ElementSizes, FlapChannel, Geometry, GeometryBase, Physics
+from ffsi.scene.geometry import (
+    ChannelGeometry,
+    ElementSizes,
+    FlapChannel,
+    Geometry,
+    GeometryBase,
+    MeshGeometry,
+    Physics,
+)
 from ffsi.scene.loads import Gravity, Traction
 from ffsi.scene.materials import Solid
 from ffsi.scene.numerics import Mesh, MeshMotion, Output, Solver
@@ -23,6 +31,7 @@ from ffsi.scene.toml import parse_toml, write_toml
 
 MAX_DESCRIPTION = 200
 STEP_DEFAULTS: dict[str, str | float] = {"step": "condensed", "step_tolerance": 1e-6}
+SIZES = tuple(ElementSizes.__dataclass_fields__)
 _NAME = re.compile(r"[a-z][a-z0-9-]{0,63}")
 
 
@@ -91,6 +100,8 @@ class Scene(Table):
 
     @model_validator(mode="after")
     def _complete(self) -> Self:
+        if isinstance(self.geometry, MeshGeometry):  # a fluid without a region has no inlet either
+            refuse(self.geometry.scene_problems(self.solid, self.fluid is not None))
         problems = [
             self._physics_problems(),
             self._load_problems(),
@@ -99,8 +110,7 @@ class Scene(Table):
             self._time_problems(),
         ]
         refuse([problem for group in problems for problem in group])
-        sizes = {key: getattr(self.mesh, key) for key in ElementSizes.__dataclass_fields__}
-        missing = {key: getattr(self.geometry.sizes, key) for key, size in sizes.items() if size is None}
+        missing = self._missing_of_mesh()
         if missing:
             self._fill("mesh", self.mesh.model_copy(update=missing))
         if isinstance(self.geometry, ChannelGeometry) and self.fluid and self.forces is None:
@@ -112,6 +122,12 @@ class Scene(Table):
             if missing_step:
                 self._fill("solver", self.solver.model_copy(update=missing_step))
         return self
+
+    def _missing_of_mesh(self) -> dict[str, float]:
+        default = self.geometry.default_sizes
+        if default is None:  # the mesh is that of a file, level 0
+            return {} if "level" in self.mesh.model_fields_set else {"level": 0}
+        return {key: getattr(default, key) for key in SIZES if getattr(self.mesh, key) is None}
 
     def _fill(self, key: str, value: Table) -> None:
         # Still under construction: the only place where a table of a scene is set.
@@ -143,13 +159,18 @@ class Scene(Table):
                 yield Problem(key, f'not accepted: the geometry "{kind}" holds no fluid')
 
     def _load_problems(self) -> Iterator[Problem]:
-        loaded = any(boundary.role == "loaded" for boundary in self.geometry.boundaries(self.physics))
+        loaded = any(boundary.role == "loaded" for boundary in self.geometry.outline(self.physics))
         if loaded and self.traction is None:
             yield Problem("traction", f"missing; {type(self).model_fields['traction'].description}")
         if self.traction is not None and not loaded:
             yield Problem("traction", f'not accepted: the geometry "{self.geometry.kind}" has no loaded boundary')
 
     def _mesh_problems(self) -> Iterator[Problem]:
+        if self.geometry.default_sizes is None:
+            given = [key for key in SIZES if getattr(self.mesh, key) is not None]
+            for key in [*given, *(["size_factor"] if self.mesh.size_factor != 1 else [])]:
+                text = f'not accepted with the geometry "{self.geometry.kind}": its file has the sizes; accepted: level'
+                yield Problem(f"mesh.{key}", text, short(getattr(self.mesh, key)))
         if self.mesh.root_size is not None and not isinstance(self.geometry, FlapChannel):
             text = f'only accepted with the geometry "flap-channel", this one is "{self.geometry.kind}"'
             yield Problem("mesh.root_size", text, f"{short(self.mesh.root_size)} m")
@@ -166,6 +187,7 @@ class Scene(Table):
 
     def _time_problems(self) -> Iterator[Problem]:
         if self.time is None:
+            yield from self.geometry.steady_problems()
             for key in ("ramp", "waveform"):
                 value = getattr(self.inflow, key, None)
                 if value is not None:
@@ -206,12 +228,12 @@ class Scene(Table):
     @property
     def tip(self) -> tuple[float, float] | None:
         """Reference point (x, y) in m of tip_ux and tip_uy; None if nothing moves."""
-        return self.geometry.tip if self.solid else None
+        return self.geometry.tip_point if self.solid else None
 
     @property
     def probes(self) -> dict[str, tuple[float, float]]:
         """Further reference points (x, y) in m by name, where NAME_ux and NAME_uy are taken; none if nothing moves."""
-        return self.geometry.probes if self.solid else {}
+        return self.geometry.probe_points if self.solid else {}
 
     def exact_areas(self) -> dict[str, float]:
         """Return the area in m^2 of every region, in the regions' order."""
@@ -258,9 +280,9 @@ def _unknown_solid(name: str, geometry: GeometryBase) -> Problem:
     if name in geometry.optional_solids:
         return Problem(name, f'the geometry "{kind}" holds no {name} unless geometry.{name} is given')
     guess = nearest(name, [*valid, *geometry.optional_solids])
-    holds = names(valid) or "no solid"
-    if geometry.optional_solids and not valid:
-        holds += f" unless {' or '.join(f'geometry.{other}' for other in geometry.optional_solids)} is given"
+    holds = names(valid)
+    if not valid:
+        holds = f"no solid unless {' or '.join(f'geometry.{other}' for other in geometry.optional_solids)} is given"
     return Problem(name, f'unknown solid; the geometry "{kind}" holds {holds}', None, guess and f"solid.{guess}")
 
 

@@ -127,7 +127,7 @@ class Aneurysm(ChannelGeometry):
         return ("vessel", "dome")
 
     @property
-    def tip(self) -> tuple[float, float]:
+    def tip_point(self) -> tuple[float, float]:
         """The point of the dome's outline that is farthest from the middle of the neck, m."""
         points = dome.lumen().outline
         x, y = points[int(np.hypot(*(points - np.mean(self.neck, axis=0)).T).argmax())].tolist()
@@ -166,7 +166,7 @@ class Aneurysm(ChannelGeometry):
         feet = (dry.second_angle - wet.second_angle) + (wet.first_angle - dry.first_angle)
         return self._keep({"fluid": fluid, "vessel": vessel, "dome": shell - dry_outer**2 / 2 * feet}, physics)
 
-    def boundaries(self, physics: Physics) -> list[Boundary]:
+    def outline(self, physics: Physics) -> list[Boundary]:
         """Return inlet, outlet, the wet sides of the walls, struts, and the walls' end faces and outer sides."""
         dry_inner, inner, outer, dry_outer = self.radii
         start, end = self.neck_angles

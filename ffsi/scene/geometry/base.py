@@ -55,9 +55,8 @@ class GeometryBase(Table, ABC):
         SceneError: the parts do not fit together.
     """
 
-    default_sizes: ClassVar[ElementSizes]
-    adapted: ClassVar[bool] = True
-    """Whether the mesh is adapted to the element sizes after the template has made a first one."""
+    default_sizes: ClassVar[ElementSizes | None]
+    """Element sizes that are not given; None where a file holds the mesh."""
     optional_solids: ClassVar[tuple[str, ...]] = ()
     """Names of solids that are there only if the geometry's table of the same name is given."""
 
@@ -68,16 +67,11 @@ class GeometryBase(Table, ABC):
 
     @property
     @abstractmethod
-    def tip(self) -> tuple[float, float] | None:
+    def tip_point(self) -> tuple[float, float] | None:
         """Reference point (x, y) in m where tip_ux and tip_uy are taken; None if nothing can move."""
 
     @property
-    def sizes(self) -> ElementSizes:
-        """Element sizes where a scene gives none."""
-        return self.default_sizes
-
-    @property
-    def probes(self) -> dict[str, tuple[float, float]]:
+    def probe_points(self) -> dict[str, tuple[float, float]]:
         """Further reference points (x, y) in m by name, where NAME_ux and NAME_uy are taken."""
         return {}
 
@@ -89,7 +83,7 @@ class GeometryBase(Table, ABC):
         """
 
     @abstractmethod
-    def boundaries(self, physics: Physics) -> list[Boundary]:
+    def outline(self, physics: Physics) -> list[Boundary]:
         """Return the boundaries that the physics has."""
 
     def problems(self) -> list[Problem]:
@@ -98,6 +92,10 @@ class GeometryBase(Table, ABC):
 
     def scene_problems(self, solids: Collection[str], has_fluid: bool) -> list[Problem]:
         """Return what a scene with these solids, with or without a fluid, lacks; keys are those of the scene."""
+        return []
+
+    def steady_problems(self) -> list[Problem]:
+        """Return what a scene that is steady lacks; keys are those of the scene."""
         return []
 
     @model_validator(mode="after")

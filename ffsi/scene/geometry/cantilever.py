@@ -30,7 +30,7 @@ class Cantilever(GeometryBase):
         return ("beam",)
 
     @property
-    def tip(self) -> tuple[float, float]:
+    def tip_point(self) -> tuple[float, float]:
         """Middle of the loaded end, m."""
         return (self.length, self.thickness / 2)
 
@@ -38,7 +38,7 @@ class Cantilever(GeometryBase):
         """Return the area in m^2 of "beam"."""
         return {"beam": self.length * self.thickness}
 
-    def boundaries(self, physics: Physics) -> list[Boundary]:
+    def outline(self, physics: Physics) -> list[Boundary]:
         """Return the clamped end, the loaded end and the two free sides."""
         return [
             Boundary("clamped_side", CLAMPED, "clamped", self.thickness),

@@ -53,7 +53,7 @@ class ChannelCavity(ChannelGeometry):
         return ("floor",)
 
     @property
-    def tip(self) -> tuple[float, float]:
+    def tip_point(self) -> tuple[float, float]:
         """Middle of the floor's wet face, m."""
         return (self.cavity_left + self.cavity_width / 2, -self.cavity_depth)
 
@@ -68,7 +68,7 @@ class ChannelCavity(ChannelGeometry):
         fluid = self.length * self.height + self.cavity_width * self.cavity_depth + rounding
         return self._keep({"fluid": fluid, "floor": self.cavity_width * self.floor_thickness}, physics)
 
-    def boundaries(self, physics: Physics) -> list[Boundary]:
+    def outline(self, physics: Physics) -> list[Boundary]:
         """Return inlet, outlet, straight walls, lips, the floor's wet face, its ends and its outer side."""
         radius = self.lip_radius
         part = None if physics == "solid" else "floor"

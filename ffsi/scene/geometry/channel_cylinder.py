@@ -63,7 +63,7 @@ class ChannelCylinder(ChannelGeometry):
         return () if self.beam is None else ("beam",)
 
     @property
-    def tip(self) -> tuple[float, float] | None:
+    def tip_point(self) -> tuple[float, float] | None:
         """Middle of the beam's end face, m; None without a beam."""
         if self.beam is None:
             return None
@@ -96,7 +96,7 @@ class ChannelCylinder(ChannelGeometry):
             areas["fluid"] -= areas["beam"]
         return self._keep(areas, physics)
 
-    def boundaries(self, physics: Physics) -> list[Boundary]:
+    def outline(self, physics: Physics) -> list[Boundary]:
         """Return inlet, outlet, walls, the wetted arc of the cylinder, the beam's surface and its root arc."""
         radius, angle = self.cylinder_radius, self.root_half_angle
         circle = (self.cylinder_x, self.cylinder_y, radius)

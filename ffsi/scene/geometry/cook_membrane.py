@@ -32,7 +32,7 @@ class CookMembrane(GeometryBase):
         return ("membrane",)
 
     @property
-    def tip(self) -> tuple[float, float]:
+    def tip_point(self) -> tuple[float, float]:
         """Upper end of the right side, m."""
         return (self.width, self.rise + self.right_height)
 
@@ -40,7 +40,7 @@ class CookMembrane(GeometryBase):
         """Return the area in m^2 of "membrane"."""
         return {"membrane": self.width * (self.left_height + self.right_height) / 2}
 
-    def boundaries(self, physics: Physics) -> list[Boundary]:
+    def outline(self, physics: Physics) -> list[Boundary]:
         """Return the clamped, the loaded and the two free sides."""
         lower = math.hypot(self.width, self.rise)
         upper = math.hypot(self.width, self.rise + self.right_height - self.left_height)

@@ -68,12 +68,12 @@ class FlapChannel(ChannelGeometry):
         return ("flap",) if self.roof is None else ("flap", "roof")
 
     @property
-    def tip(self) -> tuple[float, float]:
+    def tip_point(self) -> tuple[float, float]:
         """Middle of the flap's top, m."""
         return (self.flap_left + self.flap_width / 2, self.flap_height)
 
     @property
-    def probes(self) -> dict[str, tuple[float, float]]:
+    def probe_points(self) -> dict[str, tuple[float, float]]:
         """Middle of the elastic roof's wet side, m."""
         return {} if self.roof is None else {"roof": (self.length / 2, self.height)}
 
@@ -90,7 +90,7 @@ class FlapChannel(ChannelGeometry):
             areas["roof"] = self.length * self.roof.thickness
         return self._keep(areas, physics)
 
-    def boundaries(self, physics: Physics) -> list[Boundary]:
+    def outline(self, physics: Physics) -> list[Boundary]:
         """Return inlet, outlet, walls, the flap's surface and root, and the elastic roof's sides."""
         wet = 2 * self.flap_height + self.flap_width
         floor = self.length - self.flap_width

@@ -1,0 +1,258 @@
+"""A reference domain from a file: any mesh of plane triangles that meshio reads."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal, Self
+
+from pydantic import Field, GetCoreSchemaHandler, PrivateAttr, ValidationInfo, field_validator, model_validator
+from pydantic_core import CoreSchema, PydanticCustomError, core_schema
+
+from ffsi.scene.base import Table, refuse
+from ffsi.scene.boundaries import Boundary
+from ffsi.scene.errors import Problem, join, names, number_text, short
+from ffsi.scene.geometry.base import ChannelGeometry, ElementSizes, Inlet, Physics
+from ffsi.scene.meshes import FILE, DomainMesh, MeshError, Naming, domain_mesh, stored_naming, write_medit
+from ffsi.scene.units import Coordinate, to_si
+
+STORED = "geometry.mesh"
+"""Name of the mesh in a run folder, where FreeFEM and Python read it."""
+
+_NAME = re.compile(r"[a-z][a-z0-9]{0,29}")
+# Names that would make an identifier of the script or a quantity mean two things (a test looks for more).
+TAKEN = ("fluid", "solid", "tip", "surface", "coefficient", "minimum", "inlet", "mesh")
+
+
+class _GroupNames:
+    """Annotation of a field: names or numbers of groups in the mesh file, one or a list."""
+
+    accepted = "a name or a number of the mesh, or a list of them"
+
+    def __call__(self, value: Any) -> tuple[str, ...]:
+        """Return the names as a tuple, numbers as text.
+
+        Raises:
+            PydanticCustomError: it is something else, or a list without an entry.
+        """
+        items = tuple(value) if isinstance(value, list | tuple) else (value,)
+        if not items or any(isinstance(item, bool) or not isinstance(item, str | int) for item in items):
+            raise PydanticCustomError("names", "{text}", {"text": f"accepted: {self.accepted}"})
+        return tuple(str(item) for item in items)
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        """Let pydantic validate the field by this object, and write a single name without a list."""
+        short_form = core_schema.plain_serializer_function_ser_schema(
+            lambda names: names[0] if len(names) == 1 else names
+        )
+        return core_schema.no_info_plain_validator_function(self, serialization=short_form)
+
+
+GroupNames = Annotated[tuple[str, ...], _GroupNames()]
+
+
+class MeshBoundaries(Table):
+    """Names or numbers of boundaries in the file, by what they are; interfaces are found without being named."""
+
+    inlet: GroupNames | None = Field(None, description="the straight boundary where the fluid enters")
+    outlet: GroupNames | None = Field(None, description="boundaries where the fluid leaves")
+    walls: GroupNames | None = Field(None, description="rigid walls of the fluid (no slip)")
+    clamped: GroupNames | None = Field(None, description="boundaries of the solids that are held")
+    free: GroupNames | None = Field(None, description="free boundaries of the solids; those without a name are free")
+    loaded: GroupNames | None = Field(None, description="boundaries of the solids with the table traction")
+
+
+class Point(Table):
+    """A point of the reference domain."""
+
+    x: Coordinate = Field(description="x, m")
+    y: Coordinate = Field(description="y, m")
+
+
+class MeshGeometry(ChannelGeometry):
+    """A mesh from a file; the solids have the names that its table `regions` gives them.
+
+    What is read from the file is read once, when the scene is made.
+    """
+
+    default_sizes: ClassVar[ElementSizes | None] = None
+
+    kind: Literal["mesh"] = Field(description="name of the geometry")
+    file: str = Field(description="mesh file that meshio reads, relative to the scene's file")
+    unit: str = Field("m", description='unit of length of its coordinates, such as "mm"')
+    regions: dict[str, GroupNames] = Field(
+        description='name or number in the mesh of the region "fluid" and of each solid'
+    )
+    boundaries: MeshBoundaries = Field(
+        default_factory=MeshBoundaries, description="names or numbers in the mesh of the boundaries"
+    )
+    parts: dict[str, GroupNames] = Field(
+        default_factory=dict,
+        description="bodies on which the force is reported, by name: walls or interfaces; without any the wet side of "
+        "each solid, or else the walls",
+    )
+    tip: Point | None = Field(
+        None,
+        description="point of tip_ux and tip_uy, m; without it the vertex of the solids farthest from what is held",
+    )
+    probes: dict[str, Point] = Field(
+        default_factory=dict, description="further points by name, where NAME_ux and NAME_uy are taken, m"
+    )
+    _mesh: DomainMesh = PrivateAttr()
+
+    @field_validator("unit")
+    @classmethod
+    def _length(cls, unit: str) -> str:
+        try:
+            to_si(f"1 {unit}", "m")
+        except ValueError as error:
+            refuse([Problem("", f'{error}; accepted: a unit of length such as "mm"', short(unit))])
+        return unit
+
+    @field_validator("regions", "parts", "probes")
+    @classmethod
+    def _plain_names(cls, table: dict[str, Any], info: ValidationInfo) -> dict[str, Any]:
+        accepted = "a small letter, then small letters and digits, at most 30 in all"
+        problems = []
+        for name in table:
+            if not _NAME.fullmatch(name):
+                problems.append(Problem(name, f"accepted as a name: {accepted}"))
+            elif name in TAKEN and (name, info.field_name) != ("fluid", "regions"):
+                problems.append(Problem(name, "this name is taken, another one is needed"))
+        refuse(problems)
+        return table
+
+    @model_validator(mode="after")
+    def _read(self) -> Self:
+        if not self.regions:
+            refuse([Problem("regions", f"missing; {type(self).model_fields['regions'].description}")])
+        refuse(list(self._missing()))
+        try:
+            self._mesh = domain_mesh(Path(self.file), self.unit, to_si(f"1 {self.unit}", "m"), self._naming)
+        except MeshError as error:
+            refuse([_with_file(problem, self.file) for problem in error.problems])
+        refuse(list(self._point_problems()))
+        if self.tip is None and self.solid_names:
+            x, y = self._mesh.far_point
+            object.__setattr__(self, "tip", Point(x=x, y=y))
+        return self
+
+    def _missing(self) -> Iterator[Problem]:
+        for key in ("inlet", "outlet"):
+            given = getattr(self.boundaries, key) is not None
+            if "fluid" in self.regions and not given:
+                yield Problem(f"boundaries.{key}", f"missing; {MeshBoundaries.model_fields[key].description}")
+        for key in ("inlet", "outlet", "walls"):
+            if "fluid" not in self.regions and getattr(self.boundaries, key) is not None:
+                yield Problem(f"boundaries.{key}", 'only accepted where geometry.regions has a "fluid"')
+        if not self.solid_names:
+            for key in ("tip", "probes"):
+                if getattr(self, key):
+                    yield Problem(key, "only accepted where geometry.regions has a solid")
+
+    def _point_problems(self) -> Iterator[Problem]:
+        named = {"tip": self.tip} if self.tip else {}
+        for key, point in {**named, **{join("probes", name): point for name, point in self.probes.items()}}.items():
+            if not self._mesh.in_solid((point.x, point.y)):
+                text = f"must lie in a solid; the solids lie in {self._mesh.solids_reach}"
+                yield Problem(key, text, f"({number_text(point.x)}, {number_text(point.y)}) m")
+
+    @property
+    def _naming(self) -> Naming:
+        boundaries = {key: getattr(self.boundaries, key) for key in MeshBoundaries.model_fields}
+        return Naming(
+            tuple(self.regions.items()),
+            tuple((key, wanted) for key, wanted in boundaries.items() if wanted is not None),
+            tuple(self.parts.items()),
+        )
+
+    def __eq__(self, other: object) -> bool:
+        """Compare what is computed on: the same mesh under the same names, wherever its file lies."""
+        if not isinstance(other, MeshGeometry):
+            return NotImplemented
+        return self._essence == other._essence
+
+    @property
+    def _essence(self) -> tuple[object, ...]:
+        return (self.digest, self.solid_names, self._mesh.boundaries, self.tip, self.probes)
+
+    def __hash__(self) -> int:
+        """Hash what `__eq__` compares."""
+        return hash(self.digest)
+
+    @property
+    def digest(self) -> str:
+        """A text that tells one mesh, with its regions and labels, from another."""
+        return self._mesh.digest
+
+    def store(self, directory: Path) -> Self:
+        """Write the mesh into a run folder; return the geometry that reads it there, with a path from there."""
+        write_medit(self._mesh, directory / STORED)
+        naming = stored_naming(self._mesh, self._naming)
+        boundaries = MeshBoundaries(**dict(naming.boundaries))
+        changes = {"regions": dict(naming.regions), "boundaries": boundaries, "parts": dict(naming.parts)}
+        return self.model_copy(update={"file": STORED, "unit": "m", **changes})
+
+    @property
+    def solid_names(self) -> tuple[str, ...]:
+        """The regions that are not the fluid."""
+        return tuple(name for name in self.regions if name != "fluid")
+
+    @property
+    def inlet(self) -> Inlet:
+        """Where the fluid enters."""
+        assert self._mesh.inlet is not None
+        start, inward, height = self._mesh.inlet
+        return Inlet(start, inward, height)
+
+    @property
+    def reference_length(self) -> float:
+        """Length of the inlet, m."""
+        return self.inlet.height
+
+    @property
+    def tip_point(self) -> tuple[float, float] | None:
+        """The given tip, or the vertex of the solids that is farthest from what is held, m."""
+        return None if self.tip is None else (self.tip.x, self.tip.y)
+
+    @property
+    def probe_points(self) -> dict[str, tuple[float, float]]:
+        """The given probes, m."""
+        return {name: (point.x, point.y) for name, point in self.probes.items()}
+
+    def scene_problems(self, solids: Collection[str], has_fluid: bool) -> list[Problem]:
+        """Return the regions without a table of the scene, and a fluid without a region."""
+        found = [
+            Problem(f"solid.{name}", f"missing; the region {names([name])} of the mesh needs a material")
+            for name in self.solid_names
+            if name not in solids
+        ]
+        wet = "fluid" in self.regions
+        if wet and not has_fluid:
+            found.append(Problem("fluid", 'missing; the mesh has a region "fluid"'))
+        if has_fluid and not wet:
+            found.append(Problem("fluid", 'not accepted: geometry.regions has no "fluid"'))
+        return found
+
+    def steady_problems(self) -> list[Problem]:
+        """Return the solids that nothing holds."""
+        text = "nothing holds {}; accepted in a steady scene: a clamped boundary on each solid or on one it adjoins"
+        loose = self._mesh.loose
+        return [Problem("geometry.boundaries.clamped", text.format(f"the solid {names(loose)}"))] if loose else []
+
+    def exact_areas(self, physics: Physics) -> dict[str, float]:
+        """Return the areas in m^2 of the regions."""
+        return self._mesh.areas
+
+    def outline(self, physics: Physics) -> list[Boundary]:
+        """Return the boundaries of the mesh."""
+        return [
+            Boundary(edges.name, edges.label, edges.role, edges.length, edges.part) for edges in self._mesh.boundaries
+        ]
+
+
+def _with_file(problem: Problem, file: str) -> Problem:
+    """Give a problem of the mesh itself the file as its value."""
+    return replace(problem, value=short(Path(file).name)) if problem.key == FILE else problem

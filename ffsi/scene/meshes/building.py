@@ -1,0 +1,270 @@
+"""From a mesh file and the scene's names to a mesh with the regions and labels of the project (docs/formats.md)."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+from ffsi.scene.boundaries import CLAMPED, INLET, Role
+from ffsi.scene.errors import Problem, names, short
+from ffsi.scene.meshes.curves import Curves, Edges, meaning
+from ffsi.scene.meshes.errors import MeshError, count, fault
+from ffsi.scene.meshes.naming import FLUID, ROLES, Naming, chosen_groups
+from ffsi.scene.meshes.reading import MeshFile, read_mesh_file
+from ffsi.scene.meshes.topology import Topology, counter_clockwise, refuse_gaps, refuse_overlaps
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+STRAIGHT = 1e-6
+"""How far the nodes of an inlet may be from a straight line, in lengths of the inlet."""
+DIGITS = 13
+"""Coordinates keep so many digits of the domain's size: those of an axis-parallel edge are then equal to the last bit,
+which FreeFEM's `interpolate` needs."""
+
+
+@dataclass(frozen=True, eq=False)
+class DomainMesh:
+    """A mesh that can be computed on, lengths in m.
+
+    Args:
+        vertices: (nv, 2).
+        triangles: (nt, 3), counter-clockwise.
+        region: (nt,).
+        edges: (ne, 2), boundaries and interfaces; the fluid, or the only triangle, on the left.
+        label: (ne,).
+        areas: of each region by the scene's name, in the order of their numbers.
+        boundaries: the labelled boundaries, by label.
+        inlet: start (x, y), inward unit vector and length of the inlet; None without a fluid.
+        loose: solids, by the scene's names, that nothing holds: no clamped edge on them or on a solid they adjoin.
+    """
+
+    vertices: Floats
+    triangles: Ints
+    region: Ints
+    edges: Ints
+    label: Ints
+    areas: dict[str, float]
+    boundaries: tuple[Edges, ...]
+    inlet: tuple[tuple[float, float], tuple[float, float], float] | None
+    loose: tuple[str, ...]
+
+    @cached_property
+    def digest(self) -> str:
+        """A text that is equal for equal meshes only."""
+        arrays = (self.vertices, self.triangles, self.region, self.edges, self.label)
+        return hashlib.sha256(b"".join(np.ascontiguousarray(array).tobytes() for array in arrays)).hexdigest()
+
+    def nodes_with(self, *roles: Role) -> Floats:
+        """Return the vertices (k, 2) of all edges with one of the roles."""
+        labels = [edges.label for edges in self.boundaries if edges.role in roles]
+        return self.vertices[np.unique(self.edges[np.isin(self.label, labels)])]
+
+    def in_solid(self, point: tuple[float, float]) -> bool:
+        """Tell whether a point (m) lies in a solid, its boundary included."""
+        corners = self.vertices[self.triangles[self.region != FLUID]]
+        offset = np.asarray(point) - corners[:, 0]
+        a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+        area = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+        s = (offset[:, 0] * b[:, 1] - offset[:, 1] * b[:, 0]) / area
+        t = (a[:, 0] * offset[:, 1] - a[:, 1] * offset[:, 0]) / area
+        return bool(((s > -1e-9) & (t > -1e-9) & (s + t < 1 + 1e-9)).any())
+
+    @property
+    def solids_reach(self) -> str:
+        """The box around the solids in words."""
+        solid = self.vertices[self.triangles[self.region != FLUID]].reshape(-1, 2)
+        (x0, y0), (x1, y1) = solid.min(axis=0), solid.max(axis=0)
+        return f"x from {x0:.6g} to {x1:.6g} m, y from {y0:.6g} to {y1:.6g} m"
+
+    @property
+    def far_point(self) -> tuple[float, float]:
+        """Vertex of the solids (m) that is farthest from all held (clamped or supported) ones, else from the centre."""
+        solid = self.vertices[np.unique(self.triangles[self.region != FLUID])]
+        held = self.nodes_with("clamped")
+        if not len(held):
+            held = solid.mean(axis=0, keepdims=True)
+        distance = np.asarray(KDTree(held).query(solid)[0])
+        # Of equally distant ones the first in the order of x, then y: the numbering of a file has no meaning.
+        best = solid[distance > (1 - 1e-9) * distance.max()]
+        x, y = best[np.lexsort((best[:, 1], best[:, 0]))[0]]
+        return float(x), float(y)
+
+
+def domain_mesh(path: Path, unit: str, metres: float, naming: Naming) -> DomainMesh:
+    """Read and check a mesh; the same file with the same names is read once.
+
+    Args:
+        path: the file.
+        unit: name of its unit of length, for messages.
+        metres: that unit in m.
+        naming: the scene's names for what is in it.
+
+    Raises:
+        MeshError: it cannot be used.
+    """
+    try:
+        status = path.stat()
+    except OSError:
+        return _domain_mesh(path, unit, metres, naming)  # says what is wrong
+    return _cached(path, unit, metres, naming, (status.st_mtime_ns, status.st_size))
+
+
+@lru_cache(maxsize=16)
+def _cached(path: Path, unit: str, metres: float, naming: Naming, version: tuple[int, int]) -> DomainMesh:
+    return _domain_mesh(path, unit, metres, naming)
+
+
+def _domain_mesh(path: Path, unit: str, metres: float, naming: Naming) -> DomainMesh:
+    file = read_mesh_file(path)
+    region, titles = _regions(file, naming)
+    used, triangles = np.unique(file.triangles, return_inverse=True)
+    topology, turned = counter_clockwise(file.points[used], triangles.reshape(-1, 3), unit)
+    refuse_overlaps(topology, turned, region)
+    refuse_gaps(topology, titles)
+    number = np.full(len(file.points), -1, dtype=np.int64)
+    number[used] = np.arange(len(used))
+    curves = Curves(topology, region, number[file.lines], file.curves)
+    label, parts = curves.labels(naming)
+    if "fluid" in naming.numbers:
+        _refuse_parted_fluid(topology, region)
+    chosen = np.flatnonzero(label)
+    vertices = _rounded(topology.points * metres)
+    edges = curves.directed[chosen]
+    lengths = np.linalg.norm(vertices[edges[:, 1]] - vertices[edges[:, 0]], axis=1)
+    corners = vertices[topology.triangles]
+    a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    areas = 0.5 * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+    by_number = sorted(naming.numbers.items(), key=lambda item: item[1])
+    return DomainMesh(
+        vertices=vertices,
+        triangles=topology.triangles,
+        region=region,
+        edges=edges,
+        label=label[chosen],
+        areas={name: float(areas[region == number].sum()) for name, number in by_number},
+        boundaries=tuple(
+            Edges(*meaning(value, parts), float(lengths[label[chosen] == value].sum()))
+            for value in np.unique(label[chosen]).tolist()
+        ),
+        inlet=_inlet(vertices, edges[label[chosen] == INLET], unit, metres) if "fluid" in naming.numbers else None,
+        loose=_loose(topology, region, edges[label[chosen] == CLAMPED], naming),
+    )
+
+
+def _rounded(points: Floats) -> Floats:
+    size = float(np.ptp(points, axis=0).max())
+    return np.asarray(np.round(points, DIGITS - 1 - int(np.floor(np.log10(size)))) + 0.0)
+
+
+# Regions -------------------------------------------------------------------------------------------------------------
+
+
+def _regions(file: MeshFile, naming: Naming) -> tuple[Ints, list[str]]:
+    """Return the region of each triangle, and what messages call it."""
+    region = np.zeros(len(file.triangles), dtype=np.int64)
+    titles = [""] * len(region)
+    owner: dict[str, str] = {}
+    problems: list[Problem] = []
+    for name, wanted in naming.regions:
+        for key, group in chosen_groups(wanted, file.regions, f"regions.{name}", "region", problems):
+            if (region[group.cells] != 0).any():
+                other = owner.get(group.title, naming.regions[0][0])
+                problems.append(Problem(f"regions.{name}", f"is already regions.{other}", short(key)))
+                continue
+            owner[group.title] = name
+            region[group.cells] = naming.numbers[name]
+            for cell in group.cells.tolist():
+                titles[cell] = group.title
+    if problems:
+        raise MeshError(problems)
+    left = np.flatnonzero(region == 0)
+    if left.size:
+        where = f"({', '.join(f'{x:.6g}' for x in file.points[file.triangles[left[0]]].mean(axis=0))})"
+        unused = [group.title for group in file.regions if (region[group.cells] == 0).any()]
+        what = f"the mesh has the region {names(unused)}" if len(unused) == 1 else f"the mesh has {names(unused)}"
+        if not unused:
+            what = f"{count(left.size, 'triangle')} of the mesh belong to no region, the first at {where}"
+        accepted = 'accepted: each region of the mesh once, as the "fluid" or as a solid with a name of its own'
+        raise fault(f"{what}, which is used nowhere; {accepted}" if unused else f"{what}; {accepted}", "regions")
+    return region, titles
+
+
+def _loose(topology: Topology, region: Ints, clamped: Ints, naming: Naming) -> tuple[str, ...]:
+    solid = region != FLUID
+    if not solid.any():
+        return ()
+    piece = topology.components(solid)
+    held = np.isin(topology.triangles[solid], clamped).any(axis=1)
+    free = ~np.isin(piece, piece[held])
+    numbers = np.unique(region[solid][free]).tolist()
+    return tuple(name for name, number in naming.numbers.items() if number in numbers)
+
+
+# The fluid -----------------------------------------------------------------------------------------------------------
+
+
+def _refuse_parted_fluid(topology: Topology, region: Ints) -> None:
+    fluid = region == FLUID
+    piece = topology.components(fluid)
+    if piece.max() == 0:
+        return
+    triangles = np.flatnonzero(fluid)
+    first = [topology.triangle_at(triangles[np.argmax(piece == number)]) for number in range(2)]
+    text = f"the fluid falls into {piece.max() + 1} pieces that share no edge"
+    raise fault(f"{text}: one has the triangle {first[0]}, another one {first[1]}", "regions.fluid")
+
+
+def _inlet(
+    vertices: Floats, edges: Ints, unit: str, metres: float
+) -> tuple[tuple[float, float], tuple[float, float], float]:
+    """Return start, inward direction and length of the inlet.
+
+    Its edges have the fluid on their left; it runs the other way, from the end of the last edge.
+    """
+    firsts, lasts = set(edges[:, 0].tolist()), set(edges[:, 1].tolist())
+    ends, starts = sorted(firsts - lasts), sorted(lasts - firsts)
+    if len(starts) != 1 or len(ends) != 1:
+        raise fault(f"must be one connected piece; it has {max(len(starts), 1)}", "boundaries.inlet")
+    start, end = vertices[starts[0]], vertices[ends[0]]
+    length = float(np.linalg.norm(end - start))
+    along = (end - start) / length
+    offset = vertices[np.unique(edges)] - start
+    away = np.abs(offset[:, 1] * along[0] - offset[:, 0] * along[1])
+    if away.max() > STRAIGHT * length:
+        point = (start + offset[int(np.argmax(away))]) / metres
+        text = f"must be straight; at ({point[0]:.6g}, {point[1]:.6g}) {unit} it is {away.max() / metres:.3g} {unit}"
+        raise fault(f"{text} away from the line between its ends", "boundaries.inlet")
+    inward = (float(along[1]), float(-along[0]) + 0.0)  # no -0.0
+    return (float(start[0]), float(start[1])), inward, length
+
+
+# For FreeFEM ---------------------------------------------------------------------------------------------------------
+
+
+def write_medit(mesh: DomainMesh, path: Path) -> None:
+    """Write the mesh so that FreeFEM reads the same bits, in m, with the regions and labels of the project."""
+    import meshio
+
+    data = {"medit:ref": [mesh.region, mesh.label]}
+    cells = [("triangle", mesh.triangles), ("line", mesh.edges)]
+    partial = path.with_name(f".{path.name}.{os.getpid()}.part")
+    meshio.Mesh(mesh.vertices, cells, cell_data=data).write(partial, file_format="medit")
+    partial.replace(path)
+
+
+def stored_naming(mesh: DomainMesh, naming: Naming) -> Naming:
+    """Return the names of a mesh that `write_medit` has written: its numbers."""
+    labels = {key: tuple(str(e.label) for e in mesh.boundaries if e.role == role.role) for key, role in ROLES.items()}
+    return Naming(
+        tuple((name, (str(number),)) for name, number in naming.numbers.items()),
+        tuple((key, found) for key, found in labels.items() if found),
+        tuple((edges.part, (str(edges.label),)) for edges in mesh.boundaries if edges.part),
+    )

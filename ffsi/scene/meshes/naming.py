@@ -1,0 +1,77 @@
+"""What the scene's names for regions and boundaries of a mesh file mean."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from ffsi.scene.boundaries import CLAMPED, INLET, LOADED, OUTER, OUTLET, WALLS, Role
+from ffsi.scene.errors import Problem, names, nearest, short
+from ffsi.scene.meshes.reading import Group
+
+Names = tuple[str, ...]
+
+FLUID = 1
+
+
+@dataclass(frozen=True)
+class RoleOf:
+    """What a key of the scene's table of boundaries means.
+
+    Args:
+        role: condition on the boundary.
+        label: its label.
+        fluid: whether it is a boundary of the fluid (or of a solid).
+    """
+
+    role: Role
+    label: int
+    fluid: bool
+
+
+ROLES: dict[str, RoleOf] = {
+    "inlet": RoleOf("inlet", INLET, True),
+    "outlet": RoleOf("outlet", OUTLET, True),
+    "walls": RoleOf("no-slip", WALLS, True),
+    "clamped": RoleOf("clamped", CLAMPED, False),
+    "free": RoleOf("free", OUTER, False),
+    "loaded": RoleOf("loaded", LOADED, False),
+}
+
+
+@dataclass(frozen=True)
+class Naming:
+    """The scene's names for what is in the file, in the scene's order.
+
+    Args:
+        regions: for "fluid" and each solid, names or numbers of regions in the file.
+        boundaries: for each key of `ROLES`, names or numbers of boundaries in the file.
+        parts: for each body part the same.
+    """
+
+    regions: tuple[tuple[str, Names], ...]
+    boundaries: tuple[tuple[str, Names], ...]
+    parts: tuple[tuple[str, Names], ...]
+
+    @property
+    def numbers(self) -> dict[str, int]:
+        """Number of each region: 1 for the fluid, 2 and on for the solids."""
+        solids = [name for name, _ in self.regions if name != "fluid"]
+        return {name: FLUID if name == "fluid" else solids.index(name) + 2 for name, _ in self.regions}
+
+
+def chosen_groups(
+    wanted: Names, groups: Sequence[Group], key: str, noun: str, problems: list[Problem]
+) -> list[tuple[str, Group]]:
+    """Return the groups that the scene names; what is not there becomes a problem."""
+    found = []
+    for name in wanted:
+        called = [group for group in groups if group.name == name] or [g for g in groups if str(g.number) == name]
+        if called:
+            found.append((name, called[0]))
+            continue
+        titles = [group.title for group in groups]
+        plural = "regions" if noun == "region" else "boundaries"
+        holds = f"the mesh has {names(titles)}" if titles else f"the mesh names no {plural}"
+        problems.append(Problem(key, f"no such {noun}; {holds}", short(name), nearest(str(name), titles)))
+    return found
