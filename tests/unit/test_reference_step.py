@@ -381,16 +381,32 @@ def test_force_on_an_accelerated_box_is_that_of_its_fluid():
         np.testing.assert_allclose(form, -1.3 * acceleration * LENGTH * HEIGHT, rtol=1e-12)
 
 
-def test_force_in_residual_form_has_the_mean_of_the_viscous_stress():
-    # Creeping shear flow has the stress mu b(t), everywhere; in the residual form it is that of the time n + theta,
-    # also on the ends of the other sides, which do not cancel: the part is the corner of floor and outlet.
+def corner_forces(old, new):
+    """Forces at both ends of a step, in creeping flow, on floor and outlet together, and the sum of their N dS."""
     parts = {"outlet": "corner", "floor": "corner"}
     boundaries = tuple(Boundary(b.name, b.label, b.role, parts.get(b.name)) for b in channel_problem().boundaries)
     problem, mesh = channel_problem(fluid=Fluid(0.0, 0.05), boundaries=boundaries), channel_mesh()
     system = System.build(problem, mesh)
-    old, new = (state_of(mesh, v=lambda x, b=b: b * x[:, ::-1] * np.array([1.0, 0.0])) for b in (0.4, 1.0))
+    old, new = (state_of(mesh, **fields) for fields in (old, new))
     stepping = system.stepping(old, Step(K, THETA, K))
-    force = compute_forces(stepping, new, compute_residual(stepping, new)).parts["corner"]
-    per_slope = 0.05 * np.array([LENGTH, -HEIGHT])
+    return compute_forces(stepping, new, compute_residual(stepping, new)).parts["corner"], np.array([HEIGHT, -LENGTH])
+
+
+def test_force_in_residual_form_has_the_mean_of_the_viscous_stress():
+    # Creeping shear flow has the stress mu b(t), everywhere; in the residual form it is that of the time n + theta,
+    # also on the ends of the other sides, which do not cancel: the part is the corner of floor and outlet.
+    flows = [dict(v=lambda x, b=b: b * x[:, ::-1] * np.array([1.0, 0.0])) for b in (0.4, 1.0)]
+    force, normal = corner_forces(*flows)
+    per_slope = -0.05 * normal[::-1]
     np.testing.assert_allclose(force.surface, 1.0 * per_slope, rtol=1e-12)
     np.testing.assert_allclose(force.residual, (THETA * 1.0 + (1 - THETA) * 0.4) * per_slope, rtol=1e-12)
+
+
+def test_force_in_residual_form_has_the_pressure_on_the_mean_surface():
+    # A pressure p on a mesh that a linear displacement stretches and turns: all sides carry -p cof F N.
+    gradients = [np.array([[0.2, 0.1], [-0.3, 0.1]]), np.array([[-0.1, 0.4], [0.2, 0.3]])]
+    old, new = (dict(u=lambda x, g=g: x @ g.T, p=lambda x: 0 * x[:, 0] + 3.0) for g in gradients)
+    force, normal = corner_forces(old, new)
+    before, after = (np.linalg.det(np.eye(2) + g) * np.linalg.inv(np.eye(2) + g).T @ normal for g in gradients)
+    np.testing.assert_allclose(force.surface, 3.0 * after, rtol=1e-12)
+    np.testing.assert_allclose(force.residual, 3.0 * (THETA * after + (1 - THETA) * before), rtol=1e-12)
