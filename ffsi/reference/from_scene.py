@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ffsi.rawfiles import Floats
-from ffsi.reference import materials
+from ffsi.reference import materials, viscosity
 from ffsi.reference.problem import FLUID_REGION, Boundary, Fluid, MeshMotion, Problem, Solid
 from ffsi.reference.step import Step
 from ffsi.scene import Scene, boundaries
@@ -20,6 +20,17 @@ MATERIALS: dict[str, Callable[[Any], materials.Material]] = {
     "st-venant-kirchhoff": lambda solid: materials.StVenantKirchhoff(*solid.lame),
     "neo-hookean": lambda solid: materials.NeoHookean(*solid.lame),
     "mooney-rivlin": lambda solid: materials.MooneyRivlin(solid.c10, solid.c01, _bulk_modulus(solid)),
+}
+
+
+# The viscosity of each law of a scene's fluid.
+VISCOSITIES: dict[str, Callable[[Any], viscosity.Viscosity]] = {
+    "newtonian": lambda fluid: viscosity.Newtonian(fluid.viscosity),
+    "carreau": lambda fluid: viscosity.Carreau(
+        fluid.viscosity_zero, fluid.viscosity_infinity, fluid.time_constant_squared, fluid.exponent
+    ),
+    "power-law": lambda fluid: viscosity.PowerLaw(fluid.consistency, fluid.exponent, fluid.regularisation),
+    "casson": lambda fluid: viscosity.Casson(fluid.yield_stress, fluid.viscosity_infinity, fluid.regularisation),
 }
 
 
@@ -36,7 +47,7 @@ def problem_from_scene(scene: Scene) -> Problem:
 
     return Problem(
         name=scene.name,
-        fluid=Fluid(scene.fluid.density, scene.fluid.viscosity) if scene.fluid else None,  # type: ignore[union-attr]
+        fluid=Fluid(scene.fluid.density, _viscosity(scene.fluid)) if scene.fluid else None,
         boundaries=tuple(Boundary(b.name, b.label, b.role, b.part, b.circle) for b in boundaries(scene)),
         solids={
             region: Solid(solid.density, _material(name, solid), getattr(solid, "formulation", "displacement"))
@@ -93,6 +104,12 @@ def _mesh_motion(scene: Scene) -> MeshMotion | None:
     if (motion := scene.mesh_motion) is None:
         return None
     return MeshMotion(motion.stiffness_exponent, motion.divergence_weight, motion.kind, motion.distance_exponent)
+
+
+def _viscosity(fluid: Any) -> viscosity.Viscosity:
+    if fluid.law not in VISCOSITIES:
+        raise ValueError(f"fluid: the reference checker does not know the viscosity law {fluid.law!r}")
+    return VISCOSITIES[fluid.law](fluid)
 
 
 def _material(name: str, solid: Any) -> materials.Material:

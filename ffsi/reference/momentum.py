@@ -42,10 +42,10 @@ def solid_pressure(solid: SolidPart, state: RawState) -> Floats:
 
 def outlet(system: System, fluid: FluidPart, nodes: Ints, v: Array) -> Array:
     """Do-nothing outlet on sides with the P2 nodes (n, 3), (n, 3, 2)."""
-    now = terms.outlet(fluid.law.viscosity, v)
+    now = terms.outlet(fluid.law.viscosity.outlet, v)
     if (increment := system.increment) is None:
         return now
-    return increment.step.mean(now, terms.outlet(fluid.law.viscosity, increment.old.v[nodes]))
+    return increment.step.mean(now, terms.outlet(fluid.law.viscosity.outlet, increment.old.v[nodes]))
 
 
 def kinematics(system: System, nodes: Ints, u: Array, v: Array) -> Array:

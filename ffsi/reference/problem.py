@@ -7,6 +7,7 @@ from typing import Literal, get_args
 
 from ffsi.rawfiles import Floats
 from ffsi.reference.materials import Material, SplitMaterial
+from ffsi.reference.viscosity import Viscosity
 
 Role = Literal["inlet", "outlet", "no-slip", "interface", "clamped", "free", "loaded"]
 OutletKind = Literal["do-nothing", "zero-traction"]
@@ -18,10 +19,10 @@ FLUID_REGION = 1
 
 @dataclass(frozen=True)
 class Fluid:
-    """A Newtonian fluid: ``density`` kg/m3, dynamic ``viscosity`` Pa s."""
+    """A fluid: ``density`` kg/m3 and the law of its dynamic ``viscosity``."""
 
     density: float
-    viscosity: float
+    viscosity: Viscosity
 
 
 @dataclass(frozen=True)

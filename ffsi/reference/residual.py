@@ -245,9 +245,10 @@ def _inertia_magnitude(system: System, state: RawState) -> Floats:
 def _fluid_magnitude(fluid: FluidPart, state: RawState) -> Floats:
     """Size of the single nodal contributions to a fluid momentum row, (n2, 2)."""
     elements, law = fluid.elements, fluid.law
+    viscosity = _flow(fluid, state).viscosity(law.viscosity).max(axis=1)
     speed, width = _largest(state.v, elements), np.sqrt(elements.area)
     pressure = np.abs(state.p[elements.vertices]).max(axis=1)
-    size = law.viscosity * speed + law.density * speed**2 * width + pressure * width
+    size = viscosity * speed + law.density * speed**2 * width + pressure * width
     return _spread(size, elements, len(state.u))
 
 

@@ -19,6 +19,7 @@ from ffsi.reference.materials import Array
 from ffsi.reference.residual import Residual, compute_residual
 from ffsi.reference.step import Step
 from ffsi.reference.system import FluidPart, Mask, SolidPart, System
+from ffsi.reference.viscosity import Newtonian
 
 Method = Literal["complex-step", "divided-difference"]
 
@@ -214,8 +215,10 @@ def _fluid_group(system: System, fluid: FluidPart, state: RawState) -> _Group:
     numbers = np.hstack([u_numbers, 2 * n2 + u_numbers, 4 * n2 + elements.vertices])
     steps = np.empty((n, 27))
     steps[:, :12] = _CUBE_ROOT * np.sqrt(elements.area)[:, None]
-    # The residual is of degree 2 in v and 1 in p, where central differences are exact: a large step rounds least.
-    steps[:, 12:24] = np.abs(state.v).max() or 1.0
+    # Central differences are exact for degree 2 in v, if the viscosity is constant, and 1 in p: a large step rounds
+    # least.
+    largest = np.abs(state.v).max() or 1.0
+    steps[:, 12:24] = largest if isinstance(fluid.law.viscosity, Newtonian) else _CUBE_ROOT * largest
     steps[:, 24:] = np.abs(state.p).max() or 1.0
     return _Group(function, _flat(state)[numbers], numbers, numbers, steps)
 

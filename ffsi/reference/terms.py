@@ -18,11 +18,13 @@ from ffsi.reference.materials import (
     cofactor,
     determinant,
     dilatation,
+    double_dot,
     trace,
     transpose,
 )
 from ffsi.reference.problem import Fluid, MeshMotion, Solid
 from ffsi.reference.step import Step
+from ffsi.reference.viscosity import Viscosity
 
 Vector = tuple[float, float]
 
@@ -86,10 +88,20 @@ class Flow:
         result: Array = -self.pressure[..., None, None] * self.cofactor
         return result
 
-    def viscous_flux(self, viscosity: float) -> Array:
-        """Viscous part of the first Piola-Kirchhoff stress, mu/J (G + G^T) cof F."""
-        rate = self.transport + transpose(self.transport)
-        result: Array = (viscosity / self.jacobian)[..., None, None] * (rate @ self.cofactor)
+    @property
+    def doubled_deformation_rate(self) -> Array:
+        """Twice the rate of deformation, 2 D = (G + G^T)/J, (n, q, 2, 2) per second."""
+        rate: Array = (self.transport + transpose(self.transport)) / self.jacobian[..., None, None]
+        return rate
+
+    def viscosity(self, law: Viscosity) -> Array:
+        """Dynamic viscosity at the shear rate g, g^2 = 2 D:D, (n, q) pascal seconds."""
+        rate = self.doubled_deformation_rate
+        return law.at(0.5 * double_dot(rate, rate))
+
+    def viscous_flux(self, law: Viscosity) -> Array:
+        """Viscous part of the first Piola-Kirchhoff stress, 2 mu D cof F."""
+        result: Array = self.viscosity(law)[..., None, None] * (self.doubled_deformation_rate @ self.cofactor)
         return result
 
 

@@ -9,6 +9,7 @@ from ffsi.rawfiles import RawMesh, RawState
 from ffsi.reference.materials import MooneyRivlin, NeoHookean, StVenantKirchhoff
 from ffsi.reference.problem import Boundary, Fluid, MeshMotion, Problem, Solid
 from ffsi.reference.structured import structured_mesh
+from ffsi.reference.viscosity import Newtonian
 
 LENGTH, HEIGHT = 2.0, 1.0
 MEAN_VELOCITY = 0.3
@@ -44,7 +45,7 @@ def flap_problem(**changes) -> Problem:
     """The block bends by about a sixth of its height, so every nonlinearity counts."""
     values = dict(
         name="flap",
-        fluid=Fluid(density=1.0, viscosity=0.02),
+        fluid=Fluid(density=1.0, viscosity=Newtonian(0.02)),
         boundaries=(
             Boundary("inlet", 1, "inlet"),
             Boundary("outlet", 2, "outlet"),
@@ -121,7 +122,7 @@ def channel_problem(**changes) -> Problem:
     """Plane channel flow."""
     values = dict(
         name="channel",
-        fluid=Fluid(density=1.3, viscosity=0.05),
+        fluid=Fluid(density=1.3, viscosity=Newtonian(0.05)),
         boundaries=(
             Boundary("inlet", 1, "inlet"),
             Boundary("outlet", 2, "outlet"),

@@ -9,6 +9,7 @@ import pytest
 from ffsi.reference.from_scene import problem_from_scene, refuse_other_parameters
 from ffsi.reference.materials import MooneyRivlin, NeoHookean, StVenantKirchhoff
 from ffsi.reference.problem import Fluid, MeshMotion, Solid
+from ffsi.reference.viscosity import Newtonian
 from ffsi.scene import CASES, boundaries, with_values
 from ffsi.scene import materials as scene_laws
 
@@ -25,7 +26,7 @@ def test_every_case_is_known(name):
 
 def test_turek_fsi1_has_the_published_values():
     problem = problem_from_scene(CASES["turek-fsi1"])
-    assert problem.fluid == Fluid(density=1000.0, viscosity=1.0)
+    assert problem.fluid == Fluid(density=1000.0, viscosity=Newtonian(1.0))
     assert problem.solids.keys() == {2}
     assert problem.solids[2].density == 1000.0
     material = problem.solids[2].material

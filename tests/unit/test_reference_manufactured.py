@@ -18,6 +18,7 @@ from ffsi.reference.problem import Boundary, Fluid, Manufactured, MeshMotion, Pr
 from ffsi.reference.solve import solve
 from ffsi.reference.structured import structured_mesh
 from ffsi.reference.system import System
+from ffsi.reference.viscosity import Carreau, Casson, Newtonian, PowerLaw
 
 DENSITY, VISCOSITY = 1.3, 0.05
 SOLID_DENSITY, LAMBDA, MU = 2.0, 6.0, 3.0
@@ -64,7 +65,8 @@ def vector(*components):
 class Exact:
     """Exact fields: u of X; velocity and pressure of the fluid of the place x; velocity and pressure of the solid of X.
 
-    A solid with a pressure of its own is neo-Hookean, whose pressure stands for all that resists a change of volume.
+    ``viscosity`` is a function of the squared shear rate. A solid with a pressure of its own is neo-Hookean, whose
+    pressure stands for all that resists a change of volume.
     """
 
     u: Callable
@@ -72,6 +74,7 @@ class Exact:
     p: Callable = None
     solid_velocity: Callable = None
     solid_pressure: Callable = None
+    viscosity: Callable = lambda squared: VISCOSITY + 0 * squared
 
     def place(self, x, t):
         return x + self.u(x, t)
@@ -85,7 +88,8 @@ class Exact:
 
     def cauchy(self, x, t):
         g = gradient(lambda z: self.velocity(z, t), x)
-        return -spherical(self.p(x, t)) + VISCOSITY * (g + g.swapaxes(1, 2))
+        rate = g + g.swapaxes(1, 2)
+        return -spherical(self.p(x, t)) + self.viscosity((rate**2).sum(axis=(1, 2)) / 2)[:, None, None] * rate
 
     def fluid_force(self, x, t):
         place, jacobian = self.place(x, t), det(self.deformation(x, t))
@@ -126,11 +130,11 @@ class Exact:
 # Meshes and problems on the unit square -------------------------------------------------------------------------------
 
 
-def fluid_system(n, exact):
+def fluid_system(n, exact, law=None):
     boundaries = (Boundary("walls", 1, "no-slip"), Boundary("outlet", 2, "outlet"))
     problem = Problem(
         name="fluid",
-        fluid=Fluid(DENSITY, VISCOSITY),
+        fluid=Fluid(DENSITY, law or Newtonian(VISCOSITY)),
         boundaries=boundaries,
         outlet="zero-traction",
         manufactured=exact.manufactured(exact.v, [1]),
@@ -165,7 +169,7 @@ def both_system(n, exact, kind="harmonic", solid=None):
 
     problem = Problem(
         name="both",
-        fluid=Fluid(DENSITY, VISCOSITY),
+        fluid=Fluid(DENSITY, Newtonian(VISCOSITY)),
         boundaries=(
             Boundary("walls", 1, "no-slip"),
             Boundary("outlet", 2, "outlet"),
@@ -258,14 +262,25 @@ def test_differences_are_exact_and_let_a_complex_step_through():
     np.testing.assert_allclose(laplacian, -2.0 * vortices(points), rtol=0, atol=1e-12)
 
 
+# Laws of the checker, and their viscosities of the squared shear rate.
+LAWS = {
+    "newtonian": (Newtonian(VISCOSITY), lambda g2: VISCOSITY + 0 * g2),
+    "carreau": (Carreau(0.3, 0.04, 9.0, -0.35), lambda g2: 0.04 + 0.26 * (1 + 9 * g2) ** -0.35),
+    "power-law": (PowerLaw(0.08, 0.6, 0.1), lambda g2: 0.08 * (g2 + 0.01) ** -0.2),
+    "casson": (Casson(0.02, 0.05, 0.1), lambda g2: (0.05**0.5 + 0.02**0.5 * (g2 + 0.01) ** -0.25) ** 2),
+}
+
+
 # Space ----------------------------------------------------------------------------------------------------------------
 
 
-def test_fluid_on_a_deformed_mesh_converges_in_space():
-    exact = Exact(u=lambda x, t: 0.08 * waves(x), velocity=steady(vortices), p=steady(hills))
+@pytest.mark.parametrize("name", LAWS)
+def test_fluid_on_a_deformed_mesh_converges_in_space(name):
+    law, viscosity = LAWS[name]
+    exact = Exact(lambda x, t: 0.08 * waves(x), velocity=steady(vortices), p=steady(hills), viscosity=viscosity)
     errors = []
     for n in (6, 12):
-        system = fluid_system(n, exact)
+        system = fluid_system(n, exact, law)
         state = solve(system, start=nodal(system, exact, 0.0)).state
         elements = system.fluid.elements
         v = l2_error(system, elements, state.v, lambda x: exact.v(x, 0.0))

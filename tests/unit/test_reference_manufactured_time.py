@@ -1,9 +1,12 @@
 """Orders in time of the schemes, with manufactured fields that the elements hold exactly: every error is of time."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from test_reference_manufactured import (
     LAMBDA,
+    LAWS,
     MU,
     SOLID_DENSITY,
     Exact,
@@ -149,6 +152,21 @@ def sheared_solid():
 def test_fluid_on_a_moving_mesh_converges_in_time(scheme):
     exact = fluid_on_a_moving_mesh()
     errors = time_errors(fluid_system(2, exact), exact, scheme)
+    assert_orders(errors[:, 1:3], 2 * [ORDERS[scheme]])
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_shear_thinning_fluid_converges_in_time(scheme):
+    # A linear velocity has the same shear rate everywhere: the viscosity depends on the time only.
+    law, viscosity = LAWS["carreau"]
+    exact = dataclasses.replace(
+        fluid_on_a_moving_mesh(),
+        u=lambda x, t: swinging(t) * vector(x[:, 0] + x[:, 1], 0.0),
+        velocity=lambda x, t: beating(t) * vector(0.5 + 2.0 * x[:, 1], 0.3 * x[:, 0]),
+        p=lambda x, t: 5.0 * beating(t) * planes(x),
+        viscosity=viscosity,
+    )
+    errors = time_errors(fluid_system(2, exact, law), exact, scheme)
     assert_orders(errors[:, 1:3], 2 * [ORDERS[scheme]])
 
 

@@ -27,6 +27,7 @@ from ffsi.reference.problem import Boundary, Fluid, MeshMotion
 from ffsi.reference.residual import compute_residual
 from ffsi.reference.structured import structured_mesh
 from ffsi.reference.system import System
+from ffsi.reference.viscosity import Newtonian
 
 ANGLE = 0.6
 ROTATION = np.array([[np.cos(ANGLE), -np.sin(ANGLE)], [np.sin(ANGLE), np.cos(ANGLE)]])
@@ -78,7 +79,7 @@ def test_convection_and_gravity_balance_the_pressure_on_a_deformed_mesh():
     problem = box_problem(gravity=(turned[0], turned[1]))
     found = relative(problem, mesh, state)
     assert max(found.values()) < 1e-13
-    for wrong in (dict(gravity=(0.0, 0.0)), dict(fluid=Fluid(2 * DENSITY, VISCOSITY))):
+    for wrong in (dict(gravity=(0.0, 0.0)), dict(fluid=Fluid(2 * DENSITY, Newtonian(VISCOSITY)))):
         assert relative(dataclasses.replace(problem, **wrong), mesh, state)["momentum"] > 1e-2
 
 
@@ -100,7 +101,7 @@ def test_do_nothing_outlet_holds_for_stagnation_flow_in_any_direction(turn):
         v=lambda x: (x @ rotation) * np.array([c, -c]) @ rotation.T,
         p=lambda x: np.full(len(x), VISCOSITY * c),
     )
-    problem = channel_problem(fluid=Fluid(0.0, VISCOSITY))
+    problem = channel_problem(fluid=Fluid(0.0, Newtonian(VISCOSITY)))
     assert relative(problem, mesh, state)["momentum"] < 1e-13
     # Free of traction is another condition: -p + 2 mu c = 0.
     open_end = dataclasses.replace(problem, outlet="zero-traction")

@@ -74,7 +74,7 @@ def test_terms_of_the_fluid_are_the_formulas_of_the_document():
     theta, n2 = step.theta, system.mesh.n_p2
     j_theta = (theta * new.j + (1 - theta) * old.j)[..., None]
     carried = [np.einsum("tqij,tqj->tqi", at.g, at.v - w) for at in (new, old)]
-    viscous = [at.viscous(law.viscosity) for at in (new, old)]
+    viscous = [at.viscous(law.viscosity.mu) for at in (new, old)]
     expected = {
         "inertia": assemble(elements, n2, law.density * j_theta * (new.v - old.v) / K),
         "convection": assemble(elements, n2, law.density * (theta * carried[0] + (1 - theta) * carried[1])),
