@@ -124,7 +124,7 @@ class Scene(Table):
         return self
 
     def _missing_of_mesh(self) -> dict[str, float]:
-        default = self.geometry.default_sizes
+        default = self.geometry.sizes
         if default is None:  # the mesh is that of a file, level 0
             return {} if "level" in self.mesh.model_fields_set else {"level": 0}
         return {key: getattr(default, key) for key in SIZES if getattr(self.mesh, key) is None}
@@ -166,7 +166,7 @@ class Scene(Table):
             yield Problem("traction", f'not accepted: the geometry "{self.geometry.kind}" has no loaded boundary')
 
     def _mesh_problems(self) -> Iterator[Problem]:
-        if self.geometry.default_sizes is None:
+        if self.geometry.sizes is None:
             given = [key for key in SIZES if getattr(self.mesh, key) is not None]
             for key in [*given, *(["size_factor"] if self.mesh.size_factor != 1 else [])]:
                 text = f'not accepted with the geometry "{self.geometry.kind}": its file has the sizes; accepted: level'
@@ -280,9 +280,9 @@ def _unknown_solid(name: str, geometry: GeometryBase) -> Problem:
     if name in geometry.optional_solids:
         return Problem(name, f'the geometry "{kind}" holds no {name} unless geometry.{name} is given')
     guess = nearest(name, [*valid, *geometry.optional_solids])
-    holds = names(valid)
-    if not valid:
-        holds = f"no solid unless {' or '.join(f'geometry.{other}' for other in geometry.optional_solids)} is given"
+    holds = names(valid) or "no solid"
+    if geometry.optional_solids and not valid:
+        holds += f" unless {' or '.join(f'geometry.{other}' for other in geometry.optional_solids)} is given"
     return Problem(name, f'unknown solid; the geometry "{kind}" holds {holds}', None, guess and f"solid.{guess}")
 
 

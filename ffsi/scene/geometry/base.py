@@ -57,6 +57,8 @@ class GeometryBase(Table, ABC):
 
     default_sizes: ClassVar[ElementSizes | None]
     """Element sizes that are not given; None where a file holds the mesh."""
+    adapted: ClassVar[bool] = True
+    """Whether the mesh is adapted to the element sizes after the template has made a first one."""
     optional_solids: ClassVar[tuple[str, ...]] = ()
     """Names of solids that are there only if the geometry's table of the same name is given."""
 
@@ -69,6 +71,11 @@ class GeometryBase(Table, ABC):
     @abstractmethod
     def tip_point(self) -> tuple[float, float] | None:
         """Reference point (x, y) in m where tip_ux and tip_uy are taken; None if nothing can move."""
+
+    @property
+    def sizes(self) -> ElementSizes | None:
+        """Element sizes where a scene gives none; None where a file holds the mesh."""
+        return self.default_sizes
 
     @property
     def probe_points(self) -> dict[str, tuple[float, float]]:

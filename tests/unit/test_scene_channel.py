@@ -1,0 +1,67 @@
+"""The plain channel: walls as the only part, sizes in proportion to the height, what is refused."""
+
+from typing import Any
+
+import pytest
+from test_scene_malformed import check
+
+from ffsi.render import render
+from ffsi.scene import CASES, Channel, Mesh, Scene, SceneError, boundaries, load_scene
+
+
+def channel(mesh: dict[str, Any] | None = None, **geometry: object) -> Scene:
+    flow = {
+        key: getattr(CASES["turek-cfd1"], key).model_dump(exclude_none=True) for key in ("fluid", "inflow", "outlet")
+    }
+    table = {"name": "channel", "geometry": {"kind": "channel", "length": 3.0, "height": 0.5, **geometry}, **flow}
+    return Scene.model_validate(table | {"mesh": mesh or {}})
+
+
+def test_the_walls_are_the_part_with_the_forces() -> None:
+    found = {b.name: (b.label, b.role, b.part, b.exact_length) for b in boundaries(channel())}
+    assert found == {
+        "inlet": (1, "inlet", None, 0.5),
+        "outlet": (2, "outlet", None, 0.5),
+        "walls": (3, "no-slip", "walls", 6.0),
+    }
+    assert channel().exact_areas() == {"fluid": 1.5}
+    assert channel().physics == "fluid"
+    assert (channel().tip, channel().probes) == (None, {})
+
+
+def test_lengths_are_in_proportion_to_the_height() -> None:
+    scene = channel(height="2 mm")
+    assert scene.forces is not None and scene.forces.reference_length == 0.002
+    sizes, unit = scene.element_sizes, Channel.default_sizes
+    assert sizes.growth == unit.growth
+    assert (sizes.far_size, sizes.body_size) == pytest.approx((0.002 * unit.far_size, 0.002 * unit.body_size))
+    given = channel({"body_size": 0.01})
+    assert (given.element_sizes.body_size, given.element_sizes.far_size) == (0.01, 0.5 * unit.far_size)
+    assert given.mesh == Mesh(**given.element_sizes.__dict__)
+
+
+def test_the_mesh_is_not_adapted() -> None:
+    assert "adaptmesh" not in render(channel())
+    assert "adaptmesh" in render(CASES["turek-cfd1"])
+
+
+def test_a_scene_is_read_again() -> None:
+    assert Scene.from_toml(channel().to_toml()) == channel()
+
+
+@pytest.mark.parametrize(
+    ("text", "fragments"),
+    [
+        ("height = 1", ["geometry.length: missing;", "length of the channel, m"]),
+        ("height = -1\nlength = 1", ["geometry.height = -1:", "> 0 in m"]),
+        ("height = 1\nlength = 1\nhieght = 1", ["geometry.hieght = 1:", 'mean "geometry.height"']),
+        ("height = 1\nlength = 1\n[solid.flap]\ndensity = 1", ["solid.flap:", 'the geometry "channel" holds no solid']),
+        ("height = 1\nlength = 1", ["fluid: missing;"]),
+    ],
+)
+def test_malformed(text: str, fragments: list[str], tmp_path: Any) -> None:
+    path = tmp_path / "scene.toml"
+    path.write_text(f'name = "channel"\n[geometry]\nkind = "channel"\n{text}\n')
+    with pytest.raises(SceneError) as caught:
+        load_scene(path)
+    check(caught.value, fragments)
