@@ -170,6 +170,7 @@ def with_coefficients(scene: Scene, history: pd.DataFrame) -> pd.DataFrame:
     """Return the history with two more columns, `drag_coefficient` and `lift_coefficient` (dimensionless)."""
     if scene.fluid is None or scene.inflow is None or scene.forces is None or "drag" not in history:
         return history
+    assert scene.inflow.mean_velocity is not None
     unit = 0.5 * scene.fluid.density * scene.inflow.mean_velocity**2 * scene.forces.reference_length
     if not unit > 0:
         return history

@@ -48,13 +48,13 @@ def problem_from_scene(scene: Scene) -> Problem:
     return Problem(
         name=scene.name,
         fluid=Fluid(scene.fluid.density, _viscosity(scene.fluid)) if scene.fluid else None,
-        boundaries=tuple(Boundary(b.name, b.label, b.role, b.part, b.circle) for b in boundaries(scene)),
+        boundaries=tuple(Boundary(b.name, b.label, b.role, b.part, b.circle) for b in boundaries(scene)),  # type: ignore[arg-type]
         solids={
             region: Solid(solid.density, _material(name, solid), getattr(solid, "formulation", "displacement"))
             for region, (name, solid) in enumerate(scene.solid.items(), start=FLUID_REGION + 1)
         },
         gravity=(scene.gravity.x, scene.gravity.y) if scene.gravity else (0.0, 0.0),
-        outlet=scene.outlet.kind if scene.outlet else None,
+        outlet=scene.outlet.kind if scene.outlet else None,  # type: ignore[arg-type]
         traction=(scene.traction.x, scene.traction.y) if scene.traction else (0.0, 0.0),
         mesh_motion=_mesh_motion(scene),
         inflow_profile=inflow_profile if profile else None,

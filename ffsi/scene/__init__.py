@@ -5,7 +5,7 @@ from ffsi.scene.catalogue import CASES, STEADY_CASES
 from ffsi.scene.errors import Problem, SceneError
 from ffsi.scene.expressions import Expression, ExpressionError
 from ffsi.scene.files import load_scene, stored
-from ffsi.scene.flow import Forces, Inflow, Outlet
+from ffsi.scene.flow import Forces, Inflow
 from ffsi.scene.fluids import Carreau, Casson, Fluid, Newtonian, PowerLaw
 from ffsi.scene.geometry import (
     Aneurysm,
@@ -23,10 +23,11 @@ from ffsi.scene.geometry import (
     Roof,
     Stent,
 )
-from ffsi.scene.loads import Gravity, Traction
+from ffsi.scene.loads import Gravity, Support, Traction
 from ffsi.scene.materials import MooneyRivlin, NeoHookean, Solid, StVenantKirchhoff
 from ffsi.scene.model import Scene
 from ffsi.scene.numerics import Mesh, MeshMotion, Output, Solver
+from ffsi.scene.outlet import Outlet
 from ffsi.scene.overrides import parse_overrides, with_values
 from ffsi.scene.time import Time
 from ffsi.scene.units import to_si
@@ -72,6 +73,7 @@ __all__ = [
     "Solver",
     "StVenantKirchhoff",
     "Stent",
+    "Support",
     "Time",
     "Traction",
     "boundaries",

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
     from ffsi.scene.model import Scene
 
-Role = Literal["inlet", "outlet", "no-slip", "interface", "clamped", "free", "loaded"]
+Role = Literal["inlet", "outlet", "no-slip", "interface", "clamped", "free", "loaded", "supported"]
 
 INLET, OUTLET, WALLS, CYLINDER, SURFACE, CLAMPED, OUTER, LEFT_LIP, RIGHT_LIP, ROOF, ROOF_ENDS, LOADED = range(1, 13)
 INNER_WALL, OUTER_WALL, DOME_WALL = range(13, 16)
@@ -27,6 +27,7 @@ class Boundary:
         circle: centre x, centre y and radius in m of a boundary that is an arc, None if it is straight.
         exact_length: length of the exact curve, m.
         curved: whether vertices lie on a curve that is no single circle; `circle` says where it is one.
+        outer: whether it is the outer side of a wall, which is `supported` instead of `free` in a scene with a support.
     """
 
     name: str
@@ -36,6 +37,7 @@ class Boundary:
     part: str | None = None
     circle: tuple[float, float, float] | None = None
     curved: bool = False
+    outer: bool = False
 
 
 def boundaries(scene: Scene) -> list[Boundary]:
@@ -43,4 +45,7 @@ def boundaries(scene: Scene) -> list[Boundary]:
 
     Vertices lie on the circles of all arcs; given displacements move mid-edge nodes of no-slip boundaries only.
     """
-    return sorted(scene.geometry.outline(scene.physics), key=lambda boundary: boundary.label)
+    found = scene.geometry.outline(scene.physics)
+    if scene.support is not None:
+        found = [replace(boundary, role="supported") if boundary.outer else boundary for boundary in found]
+    return sorted(found, key=lambda boundary: boundary.label)

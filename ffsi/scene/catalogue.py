@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ffsi.scene.flow import Forces, Inflow, Outlet
+from ffsi.scene.flow import Forces, Inflow
 from ffsi.scene.fluids import Carreau, Fluid, Newtonian
 from ffsi.scene.geometry import (
     Aneurysm,
@@ -18,6 +18,7 @@ from ffsi.scene.loads import Gravity, Traction
 from ffsi.scene.materials import MooneyRivlin, NeoHookean, Solid, StVenantKirchhoff
 from ffsi.scene.model import Scene
 from ffsi.scene.numerics import Mesh, MeshMotion
+from ffsi.scene.outlet import Outlet
 from ffsi.scene.time import Time
 
 # St. Venant-Kirchhoff collapses at a finely resolved root corner: the size there belongs to the scene.

@@ -59,10 +59,11 @@ def _find(case_or_path: str | Path) -> Scene:
 
 
 def _located(table: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """Return the scene's table with the path of its mesh seen from here: in the file it is relative to the scene."""
-    geometry = table.get("geometry")
-    if isinstance(geometry, dict) and isinstance(geometry.get("file"), str):
-        return {**table, "geometry": {**geometry, "file": str(folder.absolute() / geometry["file"])}}
+    """Return the scene's table with the paths of its files seen from here: in the file they are relative to it."""
+    for name, key in (("geometry", "file"), ("inflow", "waveform_file")):
+        inner = table.get(name)
+        if isinstance(inner, dict) and isinstance(inner.get(key), str):
+            table = {**table, name: {**inner, key: str(folder.absolute() / inner[key])}}
     return table
 
 

@@ -1,11 +1,11 @@
-"""Forces from outside: gravity and traction."""
+"""Forces from outside: gravity, traction, and the support of walls."""
 
 from __future__ import annotations
 
 from pydantic import Field
 
 from ffsi.scene.base import Table
-from ffsi.scene.units import Acceleration, Stress
+from ffsi.scene.units import Acceleration, FoundationDamping, FoundationStiffness, Stress
 
 
 class Gravity(Table):
@@ -20,3 +20,10 @@ class Traction(Table):
 
     x: Stress = Field(0.0, description="x component, Pa")
     y: Stress = Field(0.0, description="y component, Pa")
+
+
+class Support(Table):
+    """Elastic support of the outer sides of walls by their surroundings: the traction is -(stiffness u + damping v)."""
+
+    stiffness: FoundationStiffness = Field(0.0, description="stiffness per reference length of the wall, Pa/m")
+    damping: FoundationDamping = Field(0.0, description="damping per reference length of the wall, Pa s/m")

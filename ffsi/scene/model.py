@@ -12,7 +12,7 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from ffsi.scene.base import Table, refuse
 from ffsi.scene.errors import Problem, SceneError, join, names, nearest, short
-from ffsi.scene.flow import Forces, Inflow, Outlet
+from ffsi.scene.flow import Forces, Inflow, velocity_problems, with_mean_velocity
 from ffsi.scene.fluids import Fluid
 from ffsi.scene.geometry import (
     ChannelGeometry,
@@ -23,9 +23,10 @@ from ffsi.scene.geometry import (
     MeshGeometry,
     Physics,
 )
-from ffsi.scene.loads import Gravity, Traction
+from ffsi.scene.loads import Gravity, Support, Traction
 from ffsi.scene.materials import Solid
 from ffsi.scene.numerics import Mesh, MeshMotion, Output, Solver
+from ffsi.scene.outlet import Outlet
 from ffsi.scene.time import Time
 from ffsi.scene.toml import parse_toml, write_toml
 
@@ -57,6 +58,9 @@ class Scene(Table):
     gravity: Gravity | None = Field(None, description="acceleration by gravity in m/s^2; none if absent")
     traction: Traction | None = Field(
         None, description="dead traction on the loaded boundary, per reference length, in Pa; needed where there is one"
+    )
+    support: Support | None = Field(
+        None, description="elastic support of the outer sides of walls, stiffness in Pa/m, damping in Pa s/m"
     )
     inflow: Inflow | None = Field(None, description="velocity at the inlet in m/s, needed with a fluid")
     outlet: Outlet | None = Field(None, description="condition at the outlet, needed with a fluid")
@@ -110,6 +114,8 @@ class Scene(Table):
             self._time_problems(),
         ]
         refuse([problem for group in problems for problem in group])
+        if self.inflow and isinstance(self.geometry, ChannelGeometry) and self.inflow.mean_velocity is None:
+            self._fill("inflow", with_mean_velocity(self.inflow, self.geometry.inlet.height))
         missing = self._missing_of_mesh()
         if missing:
             self._fill("mesh", self.mesh.model_copy(update=missing))
@@ -165,6 +171,11 @@ class Scene(Table):
         if self.traction is not None and not loaded:
             yield Problem("traction", f'not accepted: the geometry "{self.geometry.kind}" has no loaded boundary')
 
+        outer = any(boundary.outer for boundary in self.geometry.outline(self.physics))
+        if self.support is not None and not outer:
+            text = f'not accepted: no wall with an outer side in the geometry "{self.geometry.kind}" of this scene'
+            yield Problem("support", text)
+
     def _mesh_problems(self) -> Iterator[Problem]:
         if self.geometry.sizes is None:
             given = [key for key in SIZES if getattr(self.mesh, key) is not None]
@@ -184,14 +195,16 @@ class Scene(Table):
         if bad.size:
             text = f"not finite at y = {bad[0]:.4g} m; accepted: a formula that is defined for y from 0 to H"
             yield Problem("inflow.profile", text, short(self.inflow.profile))
+        elif self.inflow.mean_velocity is None:
+            yield from velocity_problems(self.inflow, height)
 
     def _time_problems(self) -> Iterator[Problem]:
         if self.time is None:
             yield from self.geometry.steady_problems()
-            for key in ("ramp", "waveform"):
+            text = "only accepted in a scene with a table time (time.step and time.end)"
+            for key in ("ramp", "waveform", "series"):
                 value = getattr(self.inflow, key, None)
                 if value is not None:
-                    text = "only accepted in a scene with a table time (time.step and time.end)"
                     yield Problem(f"inflow.{key}", text, short(value) + (" s" if key == "ramp" else ""))
             return
         if self.mesh_motion is not None and self.mesh_motion.kind == "hyperelastic":
@@ -200,7 +213,7 @@ class Scene(Table):
         if self.inflow is not None:
             t = np.linspace(0.0, self.time.end, 2001)
             bad = t[~np.isfinite(self.inflow.factor(t))]
-            if bad.size:
+            if bad.size and self.inflow.fourier is None:
                 text = f"not finite at t = {bad[0]:.4g} s; accepted: a formula that is defined for t from 0 to time.end"
                 yield Problem("inflow.waveform", text, short(self.inflow.waveform))
 
@@ -242,7 +255,7 @@ class Scene(Table):
     def inflow_profile(self) -> Callable[[ArrayLike], NDArray[np.float64]]:
         """Return the function s (m, 0 to H, from the inlet's start) -> velocity (m/s) into the fluid at the inlet.
 
-        In time it is to be multiplied by `inflow.factor(t)`.
+        In time it is to be multiplied by `inflow.factor(t)`; of the profile "womersley" it is that of the mean flow.
 
         Raises:
             SceneError: the scene has no fluid.
@@ -250,6 +263,7 @@ class Scene(Table):
         if self.inflow is None or not isinstance(self.geometry, ChannelGeometry):
             raise SceneError([Problem("inflow", "a scene without a fluid has none")])
         mean, expression, height = self.inflow.mean_velocity, self.inflow.expression, self.geometry.inlet.height
+        assert mean is not None
         return lambda s: mean * expression.evaluate(y=s, H=height)
 
     def parameters(self) -> dict[str, int | float]:

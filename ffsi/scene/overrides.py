@@ -9,6 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from ffsi.scene.errors import Problem, SceneError, short
+from ffsi.scene.flow import VELOCITIES, WAVEFORMS
 from ffsi.scene.fluids import LAWS
 from ffsi.scene.materials import (
     ELASTIC_CONSTANTS,
@@ -55,6 +56,8 @@ def with_values(scene: Scene, values: Mapping[str, Any]) -> Scene:
             "incompressible" drops what that form does not have: of (lame_lambda, lame_mu) and (lame_mu, poisson_ratio)
             it keeps lame_mu, of (young_modulus, poisson_ratio) young_modulus; Mooney-Rivlin loses bulk_modulus.
             Constants among the new values win. The way back needs the constants that are then missing.
+            A new velocity of the inflow (mean_velocity, peak_velocity or flow_rate) replaces the one in use, so does a
+            new waveform (waveform, waveform_file or series, with their period).
             A new viscosity law, too, keeps the constants that it knows.
 
     Raises:
@@ -68,6 +71,8 @@ def with_values(scene: Scene, values: Mapping[str, Any]) -> Scene:
     for name, solid in scene.solid.items():
         if not {"solid", f"solid.{name}"} & set(values):
             problems += _adapt_solid(f"solid.{name}.", solid, values, table["solid"][name])
+    if "inflow" in table and "inflow" not in values:
+        _adapt_inflow(values, table["inflow"])
     law = values.get("fluid.law")
     if isinstance(law, str) and law in LAWS and "fluid" in table:
         for key in table["fluid"].keys() - LAWS[law].model_fields.keys():
@@ -77,6 +82,14 @@ def with_values(scene: Scene, values: Mapping[str, Any]) -> Scene:
     if problems:
         raise SceneError(problems)
     return Scene.model_validate(table)
+
+
+def _adapt_inflow(values: Mapping[str, Any], table: dict[str, Any]) -> None:
+    """Remove from the inflow's table what the new values replace: the velocity, or the waveform with its period."""
+    for alternatives, unused in ((VELOCITIES, ()), (WAVEFORMS, ("period",))):
+        if any(values.get(f"inflow.{key}") is not None for key in alternatives):
+            for key in (*alternatives, *unused):
+                table.pop(key, None)
 
 
 def _adapt_solid(prefix: str, solid: Elastic, values: Mapping[str, Any], table: dict[str, Any]) -> list[Problem]:

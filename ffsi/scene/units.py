@@ -30,6 +30,11 @@ _EXAMPLES = {
     "kg/m^3": "1 g/cm^3",
     "Pa s": "3.5 mPa s",
     "Pa": "0.5 MPa",
+    "m^2/s": "1 cm^2/s",
+    "Pa s/m^2": "2 kPa s/m^2",
+    "m^2/Pa": "3 mm^2/kPa",
+    "Pa/m": "1 kPa/mm",
+    "Pa s/m": "2 kPa s/m",
     "s": "10 min",
     "1/s": "2 s^-1",
     "s^2": "10 s^2",
@@ -196,3 +201,9 @@ Duration = Annotated[float, Quantity("s", above=0.0)]
 SquaredTime = Annotated[float, Quantity("s^2", above=0.0)]
 Rate = Annotated[float, Quantity("1/s", at_least=0.0)]
 ShearRate = Annotated[float, Quantity("1/s", above=0.0)]
+FlowRate = Annotated[float, Quantity("m^2/s", at_least=0.0)]
+Resistance = Annotated[float, Quantity("Pa s/m^2", above=0.0)]
+NonNegativeResistance = Annotated[float, Quantity("Pa s/m^2", at_least=0.0)]
+Compliance = Annotated[float, Quantity("m^2/Pa", above=0.0)]
+FoundationStiffness = Annotated[float, Quantity("Pa/m", at_least=0.0)]
+FoundationDamping = Annotated[float, Quantity("Pa s/m", at_least=0.0)]

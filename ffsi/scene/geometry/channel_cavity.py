@@ -87,6 +87,6 @@ class ChannelCavity(ChannelGeometry):
         if physics != "fluid":
             found += [
                 Boundary("ends", CLAMPED, "clamped", 2 * self.floor_thickness),
-                Boundary("outer_side", OUTER, "free", self.cavity_width),
+                Boundary("outer_side", OUTER, "free", self.cavity_width, outer=True),
             ]
         return found

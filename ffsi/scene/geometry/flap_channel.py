@@ -107,6 +107,6 @@ class FlapChannel(ChannelGeometry):
             found += [
                 Boundary("roof", ROOF, "interface", self.length),
                 Boundary("roof_ends", ROOF_ENDS, "clamped", 2 * self.roof.thickness),
-                Boundary("outer_side", OUTER, "free", self.length),
+                Boundary("outer_side", OUTER, "free", self.length, outer=True),
             ]
         return found

@@ -1,0 +1,70 @@
+"""The outlet: natural condition, pressure behind it, backflow stabilisation."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Literal, Self
+
+from pydantic import Field, model_validator
+
+from ffsi.scene.base import Table, refuse
+from ffsi.scene.errors import Problem, names, short
+from ffsi.scene.units import Compliance, NonNegativeNumber, NonNegativeResistance, Resistance, Stress
+
+# Keys of each kind, the needed ones first, then those that may be given.
+_KEYS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
+    "do-nothing": ((), ()),
+    "zero-traction": ((), ()),
+    "pressure": (("pressure",), ()),
+    "resistance": (("resistance",), ("pressure",)),
+    "windkessel": (("proximal_resistance", "distal_resistance", "compliance"), ("pressure",)),
+}
+_ALL = ("pressure", "resistance", "proximal_resistance", "distal_resistance", "compliance")
+
+
+class Outlet(Table):
+    """Natural condition at the outlet; Q is the flow rate through it in m^2/s, per metre of depth.
+
+    The pressure behind the outlet is, by kind, `pressure` P; `resistance` P + R Q; `windkessel` R_p Q + p_c with
+    C dp_c/dt + (p_c - P)/R_d = Q. In time P is multiplied by the ramp of the inflow.
+    """
+
+    kind: Literal["do-nothing", "zero-traction", "pressure", "resistance", "windkessel"] = Field(
+        description='"do-nothing" (-p n + mu (grad v) n = 0), "zero-traction" (sigma n = 0), or do-nothing with a '
+        'pressure behind it: "pressure", "resistance", "windkessel"'
+    )
+    pressure: Stress | None = Field(
+        None, description="pressure P; behind the resistances, 0 if absent, with resistance and windkessel, Pa"
+    )
+    resistance: NonNegativeResistance | None = Field(None, description="resistance R, resistance only, Pa s/m^2")
+    proximal_resistance: NonNegativeResistance | None = Field(
+        None, description="resistance R_p between outlet and compliance, windkessel only, Pa s/m^2"
+    )
+    distal_resistance: Resistance | None = Field(
+        None, description="resistance R_d behind the compliance, windkessel only, Pa s/m^2"
+    )
+    compliance: Compliance | None = Field(None, description="compliance C, windkessel only, m^2/Pa")
+    backflow: NonNegativeNumber | None = Field(
+        None, description="factor beta of the traction -beta rho min(v.n, 0) v against backflow, dimensionless"
+    )
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        refuse(list(self._problems()))
+        return self
+
+    def _problems(self) -> Iterator[Problem]:
+        needed, optional = _KEYS[self.kind]
+        for key in needed:
+            if getattr(self, key) is None:
+                yield Problem(key, f"missing; {type(self).model_fields[key].description}")
+        for key in _ALL:
+            value = getattr(self, key)
+            if value is not None and key not in (*needed, *optional):
+                kinds = names(kind for kind, keys in _KEYS.items() if key in (*keys[0], *keys[1]))
+                yield Problem(key, f'not accepted with the kind "{self.kind}", only with {kinds}', short(value))
+
+    @property
+    def has_pressure(self) -> bool:
+        """Whether there is a pressure behind the outlet."""
+        return bool(_KEYS[self.kind][0])
