@@ -17,6 +17,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from ffsi import weakform
 from ffsi.scene import Boundary, Scene, boundaries
 from ffsi.scene.boundaries import STRUTS
+from ffsi.scene.flow import WOMERSLEY
 from ffsi.scene.geometry import ChannelGeometry
 from ffsi.scene.geometry.mesh import STORED
 from ffsi.scene.materials import CompressibleElastic
@@ -157,6 +158,7 @@ def _context(scene: Scene, mumps: bool) -> dict[str, Any]:
     curved = [b for b in outline if b.circle and b.role == "no-slip"]
     wet = [b for b in outline if b.role in ("inlet", "outlet", "no-slip", "interface")]
     solids = [_solid(scene, name, number) for number, name in _regions(scene) if number > 1]
+    fourier = scene.inflow.fourier if scene.inflow else None
     mumps = mumps and scene.solver.linear_solver == "mumps"
     return {
         "scene": scene,
@@ -182,16 +184,23 @@ def _context(scene: Scene, mumps: bool) -> dict[str, Any]:
         "outlet_labels": _labels(outline, "outlet"),
         "interface_labels": _labels(outline, "interface"),
         "loaded_labels": _labels(outline, "loaded"),
+        "supported_labels": _labels(outline, "supported"),
         "given_geometry": bool(curved) and not fsi,
         "fluid_labels": [b.label for b in wet],
         "parts": [b for b in outline if b.part and b in wet],
         "displacement_labels": _labels(outline, "inlet", "outlet", "no-slip", "clamped") if "ux" in components else [],
         "velocity_labels": _labels(outline, "inlet", "no-slip", "clamped") if fluid or scene.time else [],
         "walls": _labels(outline, "no-slip", "clamped"),
-        "inflow_waveform": scene.inflow.waveform_expression.to_freefem() if scene.inflow else "1",
+        "fourier": fourier,
+        "womersley": fourier is not None and scene.inflow is not None and scene.inflow.profile == WOMERSLEY,
+        "inflow_waveform": _waveform(scene),
         "inflow_profile": scene.inflow.expression.to_freefem({"y": "inletS"}) if scene.inflow else "",
         "hyperelastic_motion": weakform.hyperelastic_motion(scene),
-        "do_nothing": scene.outlet is not None and scene.outlet.kind == "do-nothing",
+        "do_nothing": scene.outlet is not None and scene.outlet.kind != "zero-traction",
+        "outlet_pressure": scene.outlet is not None and scene.outlet.has_pressure,
+        "outlet_resistance": scene.outlet is not None and scene.outlet.kind in ("resistance", "windkessel"),
+        "windkessel": scene.outlet is not None and scene.outlet.kind == "windkessel" and scene.time is not None,
+        "backflow": scene.outlet is not None and scene.outlet.backflow is not None,
         "momentum": weakform.momentum(scene),
         "kinematic": weakform.kinematic(scene),
         "unsteady": scene.time is not None,
@@ -200,6 +209,13 @@ def _context(scene: Scene, mumps: bool) -> dict[str, Any]:
         "jacobian": weakform.jacobian(scene),
         "condensed": weakform.condensed(scene) if scene.time else None,
     }
+
+
+def _waveform(scene: Scene) -> str:
+    """Return the waveform as FreeFEM text: a formula in t, or the sum of its Fourier series."""
+    if scene.inflow is None:
+        return "1"
+    return "Waveform(at)" if scene.inflow.fourier else scene.inflow.waveform_expression.to_freefem()
 
 
 def _labels(outline: list[Boundary], *roles: str) -> list[int]:

@@ -36,7 +36,7 @@ UNITS = {
     "lift_surface": "N/m",
     "pressure_drop": "Pa",
     "pressure_difference": "Pa",
-    "flow_rate_in": "m²/s",
+    "outlet_pressure": "Pa",
     "flow_rate_out": "m²/s",
 }
 

@@ -21,6 +21,7 @@ logger = logging.getLogger(__name__)
 CHECKPOINT_VERSION = 1
 _LAYOUT = (int, float, float, float, float, int)
 _SAME = 1e-9
+_WINDKESSEL = ("windkessel_old", "windkessel_new")
 
 
 @dataclass(frozen=True)
@@ -44,6 +45,7 @@ class SavedStep:
         old: name of the file with the state at its start.
         new: name of the file with the state at its end.
         quantities: drag and lift at its end, N/m; none without a fluid.
+        windkessel: pressure of the outlet's compliance at its start and at its end, Pa; None without a Windkessel.
     """
 
     step: int
@@ -53,10 +55,12 @@ class SavedStep:
     old: str
     new: str
     quantities: dict[str, float]
+    windkessel: tuple[float, float] | None = None
 
     def as_dict(self) -> dict[str, Any]:
         """Return the entry of `steps.json`."""
-        return dict(vars(self))
+        entry = {key: value for key, value in vars(self).items() if key != "windkessel"}
+        return entry if self.windkessel is None else entry | dict(zip(_WINDKESSEL, self.windkessel, strict=True))
 
 
 def read_history(directory: Path) -> pd.DataFrame:
@@ -86,10 +90,11 @@ def read_saved_steps(directory: Path) -> list[SavedStep]:
     for row in table.to_dict("records"):
         try:
             forces = {str(name): float(row[name]) for name in ("drag", "lift") if math.isfinite(float(row[name]))}
+            state = tuple(float(row[name]) for name in _WINDKESSEL if name in row)
             found.append(
                 SavedStep(
                     int(row["step"]), float(row["time"]), float(row["k"]), float(row["theta"]), str(row["old"]),
-                    str(row["new"]), forces,
+                    str(row["new"]), forces, state if len(state) == 2 else None,
                 )
             )  # fmt: skip
         except (KeyError, ValueError) as error:
@@ -149,7 +154,8 @@ def _read_checkpoint(path: Path) -> Checkpoint | None:
         logger.debug("%s", error)
         return None
     whole = (
-        len(head) == len(times) == 5
+        len(head) == 5
+        and len(times) in (5, 6)  # the sixth: state of a Windkessel
         and int(head[0]) == CHECKPOINT_VERSION
         and mark.tolist() == [int(head[1])]
         and all(len(state) == int(head[2]) and bool(np.isfinite(state).all()) for state in states)

@@ -155,7 +155,7 @@ def jacobian(scene: Scene) -> dict[str, Any]:
     for region, (name, law) in enumerate(scene.solid.items(), start=2):
         terms += _solid_terms(scene, region, name, law)
     constants = {"count": "nConstant", "row": "constantRow", "column": "constantColumn", "value": "constantValue"}
-    system = _system(terms)
+    system = _system(terms, _backflow_terms(scene))
     return {**system, "name": "jacobian", "title": "Jacobian", "constants": constants, "row_map": "rowAt", "offset": ""}
 
 
@@ -173,7 +173,7 @@ def condensed(scene: Scene) -> dict[str, Any]:
             terms.append((test, to_velocity.get(unknown, unknown), region, factor + text))
     names = {name: f"condensedConstant{name.capitalize()}" for name in ("row", "column", "value")}
     constants = {"count": "nCondensedConstant", **names}
-    system = _system(terms)
+    system = _system(terms, _backflow_terms(scene))
     return {
         **system,
         "name": "condensed",
@@ -216,8 +216,21 @@ def _solid_terms(scene: Scene, region: int, name: str, law: Elastic) -> Iterator
             yield test, unknown, region, f"{factor}*({_factor('a', derivative)}*{_factor('b', order)})"
 
 
-def _system(terms: list[Term]) -> dict[str, Any]:
-    """Return the blocks that terms make, and their patterns."""
+def _backflow_terms(scene: Scene) -> dict[tuple[str, str], str]:
+    """Return the derivatives of the traction against backflow at the outlet, by test function and unknown."""
+    if scene.outlet is None or scene.outlet.backflow is None:
+        return {}
+    factor = f"-{'timeTheta*' if scene.time else ''}outletBackflow*fluidDensity"
+    found = {}
+    for test, flow in (("vx", "outflowVX"), ("vy", "outflowVY")):
+        for unknown, normal in (("vx", "N.x"), ("vy", "N.y")):
+            own = "min(outflowNormal, 0.)*a*b + " if test == unknown else ""
+            found[test, unknown] = f"{factor}*({own}(outflowNormal < 0.)*{normal}*{flow}*a*b)"
+    return found
+
+
+def _system(terms: list[Term], edge_terms: dict[tuple[str, str], str]) -> dict[str, Any]:
+    """Return the blocks that terms make, and their patterns; terms on the outlet's edges are within the latter."""
     found: dict[tuple[str, str], _Block] = {}
     for test, unknown, region, text in terms:
         block = found.setdefault((test, unknown), _Block(test, unknown, {}))
@@ -239,6 +252,7 @@ def _system(terms: list[Term]) -> dict[str, Any]:
                 "unknown_space": block.spaces[0],
                 "test_space": block.spaces[1],
                 "pattern": patterns.index(block.pattern),
+                "edge": edge_terms.get((block.test, block.unknown), ""),
                 "parts": [{"region": region, "terms": texts} for region, texts in block.terms.items()],
             }
             for block in blocks
