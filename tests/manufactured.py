@@ -71,7 +71,8 @@ def beating(t):
 class Exact:
     """Exact fields: u of X; velocity and pressure of the fluid of the place x; velocity and pressure of the solid of X.
 
-    A solid with a pressure of its own is neo-Hookean, whose pressure stands for all that resists a change of volume.
+    ``viscosity`` is a function of the squared shear rate, ``far_viscosity`` the one of the outlet's condition. A solid
+    with a pressure of its own is neo-Hookean, whose pressure stands for all that resists a change of volume.
     """
 
     u: Callable
@@ -79,6 +80,8 @@ class Exact:
     p: Callable = None
     solid_velocity: Callable = None
     solid_pressure: Callable = None
+    viscosity: Callable = lambda squared: VISCOSITY + 0.0 * squared
+    far_viscosity: float = VISCOSITY
 
     def place(self, x, t):
         return x + self.u(x, t)
@@ -92,7 +95,8 @@ class Exact:
 
     def cauchy(self, x, t):
         g = gradient(lambda z: self.velocity(z, t), x)
-        return -spherical(self.p(x, t)) + VISCOSITY * (g + g.swapaxes(1, 2))
+        twice = g + g.swapaxes(1, 2)
+        return -spherical(self.p(x, t)) + self.viscosity((twice**2).sum(axis=(1, 2)) / 2)[:, None, None] * twice
 
     def fluid_force(self, x, t):
         place, jacobian = self.place(x, t), det(self.deformation(x, t))
@@ -104,10 +108,11 @@ class Exact:
         return self.cauchy(self.place(x, t), t) @ cofactor(self.deformation(x, t))
 
     def outlet_stress(self, x, t):
-        """What a do-nothing outlet leaves over: -p + mu grad v, without its transpose, on the reference boundary."""
+        """What a do-nothing outlet leaves over, on the reference boundary: -p + mu grad v for a Newtonian fluid."""
         place = self.place(x, t)
         g = gradient(lambda z: self.velocity(z, t), place)
-        return (VISCOSITY * g - spherical(self.p(place, t))) @ cofactor(self.deformation(x, t))
+        transposed = g.swapaxes(1, 2) - spherical(np.trace(g, axis1=1, axis2=2))
+        return (self.cauchy(place, t) - self.far_viscosity * transposed) @ cofactor(self.deformation(x, t))
 
     def mass(self, x, t):
         g = gradient(lambda z: self.velocity(z, t), self.place(x, t))
