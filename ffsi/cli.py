@@ -6,6 +6,7 @@ Exit codes: 0 solved and checked, 1 check failed, 2 bad input, 3 not converged, 
 from __future__ import annotations
 
 import logging
+import re
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -18,7 +19,7 @@ from ffsi.folder import InputError
 from ffsi.freefem import FreeFEMError, FreeFEMNotFound
 from ffsi.rawfiles import RawFileError
 from ffsi.result import Result, load_result, load_results
-from ffsi.scene import Scene, SceneError, load_scene
+from ffsi.scene import MeshGeometry, Scene, SceneError, load_scene
 from ffsi.timesteps import newest_checkpoint
 from ffsi.unsteady import STOPPED, check_resumable
 
@@ -176,17 +177,22 @@ def render(
     ] = None,
     settings: Settings = [],  # noqa: B006
 ) -> None:
-    """Write the FreeFEM script of a case."""
+    """Write the FreeFEM script of a case; with -o, also the mesh of a scene that has its own, beside it."""
     from ffsi.render import render as render_script
 
     scene = load_scene(case, settings)
     if output is not None:
         _check_output(output)
-    text = render_script(scene)
     if output is None:
-        sys.stdout.write(text)
-    else:
-        folder.write_text(output, text)
+        sys.stdout.write(render_script(scene))
+        return
+    mesh = output.with_suffix(".mesh")
+    text = render_script(scene, mesh_file=mesh.name)
+    if isinstance(scene.geometry, MeshGeometry):
+        if not re.fullmatch(r"[\w. -]+", mesh.name):
+            raise InputError(f"{mesh.name!r}: the mesh beside the script needs a name of letters, digits and . - _")
+        scene.geometry.write(mesh)
+    folder.write_text(output, text)
 
 
 @app.command()

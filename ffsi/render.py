@@ -229,10 +229,13 @@ def _regions(scene: Scene) -> list[tuple[int, str]]:
 def _solid(scene: Scene, name: str, region: int) -> dict[str, Any]:
     law = scene.solid[name]
     prefix = f"solid{name.capitalize()}"
+    own = weakform.identifier(scene, name)
+    title = own[0].upper() + own[1:]
     solid = {
-        "name": name,
-        "title": name.capitalize(),
-        "flux": f"{'Mixed' if law.mixed else 'Theta' if scene.time else 'Flux'}{name.capitalize()}",
+        "key": name,
+        "name": own,
+        "title": title,
+        "flux": f"{'Mixed' if law.mixed else 'Theta' if scene.time else 'Flux'}{title}",
         "n_arguments": weakform.VOLUME + 1 if law.mixed else weakform.VOLUME,
         "mixed": law.mixed,
         "incompressible": law.incompressible,

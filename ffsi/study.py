@@ -23,7 +23,7 @@ from ffsi.freefem import find_freefem, stop_all
 from ffsi.render import is_runtime_parameter
 from ffsi.result import Result, flatten, load_result
 from ffsi.run import CHECKED, OnEvent, OnResult, finish_point, run_chain
-from ffsi.scene import Scene, load_scene, with_values
+from ffsi.scene import MeshGeometry, Scene, load_scene, with_values
 
 logger = logging.getLogger(__name__)
 
@@ -335,7 +335,11 @@ def _run_one(
 
 
 def _definition(scene: Scene, vary: Mapping[str, Sequence[float]]) -> dict[str, Any]:
-    return {"vary": {key: list(values) for key, values in vary.items()}, "scene": tomllib.loads(scene.to_toml())}
+    table = {key: list(values) for key, values in vary.items()}
+    definition: dict[str, Any] = {"vary": table, "scene": tomllib.loads(scene.to_toml())}
+    if isinstance(scene.geometry, MeshGeometry):
+        definition["mesh"] = scene.geometry.digest  # the file may have changed
+    return definition
 
 
 def _check_definition(directory: Path, definition: Mapping[str, Any]) -> None:

@@ -43,6 +43,11 @@ PRESSURE = "Pressure"  # end of the name of a mixed solid's pressure
 VOLUME = 4  # number of a mixed solid's pressure among its arguments, and of its equation of the volume among its fluxes
 
 
+def identifier(scene: Scene, solid: str) -> str:
+    """Return what the script's names of a solid begin with; those that a user chose must not be names of its own."""
+    return f"{solid}Body" if scene.geometry.free_names else solid
+
+
 def components(scene: Scene) -> tuple[str, ...]:
     """Return the unknown fields: u of solids and moving meshes, v of the fluid and of what is unsteady, p."""
     fields: list[str] = []
@@ -153,7 +158,7 @@ def jacobian(scene: Scene) -> dict[str, Any]:
     """Return the blocks of the whole Jacobian."""
     terms = [*_fluid_terms(scene), *_motion_terms(scene)]
     for region, (name, law) in enumerate(scene.solid.items(), start=2):
-        terms += _solid_terms(scene, region, name, law)
+        terms += _solid_terms(scene, region, identifier(scene, name), law)
     constants = {"count": "nConstant", "row": "constantRow", "column": "constantColumn", "value": "constantValue"}
     system = _system(terms, _backflow_terms(scene))
     return {**system, "name": "jacobian", "title": "Jacobian", "constants": constants, "row_map": "rowAt", "offset": ""}
@@ -168,7 +173,7 @@ def condensed(scene: Scene) -> dict[str, Any]:
     terms = [term for term in _fluid_terms(scene) if term[1] in kept]
     to_velocity = {"ux": "vx", "uy": "vy"}
     for region, (name, law) in enumerate(scene.solid.items(), start=2):
-        for test, unknown, _, text in _solid_terms(scene, region, name, law):
+        for test, unknown, _, text in _solid_terms(scene, region, identifier(scene, name), law):
             factor = "displacementPerVelocity*" if unknown in to_velocity else ""
             terms.append((test, to_velocity.get(unknown, unknown), region, factor + text))
     names = {name: f"condensedConstant{name.capitalize()}" for name in ("row", "column", "value")}

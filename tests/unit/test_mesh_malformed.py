@@ -130,12 +130,14 @@ BROKEN: list[tuple[Callable[[Drawing], None] | None, dict[str, Any], str]] = [
     (None, boundaries(inlet=["in", "out"], outlet="inner", walls=None), "boundaries.inlet: must be one connected"),
     (None, boundaries(walls=["inner", "outside"]), r'boundaries.walls = "outside": at \(.*\) mm it is a boundary of a '
      "solid; accepted: outer boundaries of the fluid"),
+    (None, boundaries(walls=["inner", "interface"]), r'boundaries.walls = "interface": at \(.*\) mm it lies between '
+     "fluid and solid; such an interface is found without being named"),
     (None, boundaries(clamped=["ends", "inner"]), 'boundaries.clamped = "inner": .* it is a boundary of the fluid'),
     (None, boundaries(outlet=["out", "in"]), r'boundaries.outlet = "in": shares edges with boundaries.inlet'),
     (None, boundaries(clamped=None), 'boundaries.clamped: nothing holds the solid "wall"; accepted in a steady scene'),
     # names
     (None, boundaries(inlet="inn"), r'boundaries.inlet = "inn": no such boundary; the mesh has "in", "out", "inner", '
-     r'"ends", "outside" \(did you mean "in"'),
+     r'"ends", "outside", "interface" \(did you mean "in"'),
     (None, boundaries(outlet=77), 'boundaries.outlet = "77": no such boundary; the mesh has'),
     (None, boundaries(outlet=None), "geometry.boundaries.outlet: missing; boundaries where the fluid leaves"),
     (None, boundaries(inlett="in"), r'boundaries.inlett = "in": unknown key.*did you mean "geometry.boundaries.inlet"'),

@@ -13,7 +13,7 @@ import tomli_w
 INNER, LUMEN, OUTER = 10.0, 13.0, 14.0  # radii in mm: the rigid inner wall, the interface, the vessel's outside
 TURN = np.pi / 3  # the angle through which the vessel bends
 LUMEN_REGION, WALL_REGION = 1, 2
-CURVES = {"in": 11, "out": 12, "inner": 13, "ends": 14, "outside": 15}
+CURVES = {"in": 11, "out": 12, "inner": 13, "ends": 14, "outside": 15, "interface": 16}
 
 
 @dataclass
@@ -62,7 +62,7 @@ def vessel(along: int = 6, across: int = 3, wall: int = 1) -> Drawing:
             lines.append((corner(i, j), corner(i, j + 1)))
             curve.append(CURVES[key])
     for i in range(along):
-        for j, key in ((0, "inner"), (width - 1, "outside")):
+        for j, key in ((0, "inner"), (width - 1, "outside"), (across, "interface")):
             lines.append((corner(i, j), corner(i + 1, j)))
             curve.append(CURVES[key])
     names = {"lumen": (LUMEN_REGION, 2), "wall": (WALL_REGION, 2), **{key: (n, 1) for key, n in CURVES.items()}}

@@ -57,6 +57,8 @@ class GeometryBase(Table, ABC):
 
     default_sizes: ClassVar[ElementSizes | None]
     """Element sizes that are not given; None where a file holds the mesh."""
+    free_names: ClassVar[bool] = False
+    """Whether the solids have names that a user chose."""
     adapted: ClassVar[bool] = True
     """Whether the mesh is adapted to the element sizes after the template has made a first one."""
     optional_solids: ClassVar[tuple[str, ...]] = ()

@@ -22,8 +22,8 @@ STORED = "geometry.mesh"
 """Name of the mesh in a run folder, where FreeFEM and Python read it."""
 
 _NAME = re.compile(r"[a-z][a-z0-9]{0,29}")
-# Names that would make an identifier of the script or a quantity mean two things (a test looks for more).
-TAKEN = ("fluid", "solid", "tip", "surface", "coefficient", "minimum", "inlet", "mesh")
+# Names that would make two quantities of the results, or two names of the script, the same (a test looks for more).
+TAKEN = ("fluid", "tip", "surface", "coefficient")
 
 
 class _GroupNames:
@@ -78,6 +78,7 @@ class MeshGeometry(ChannelGeometry):
     """
 
     default_sizes: ClassVar[ElementSizes | None] = None
+    free_names: ClassVar[bool] = True
 
     kind: Literal["mesh"] = Field(description="name of the geometry")
     file: str = Field(description="mesh file that meshio reads, relative to the scene's file")
@@ -187,9 +188,13 @@ class MeshGeometry(ChannelGeometry):
         """A text that tells one mesh, with its regions and labels, from another."""
         return self._mesh.digest
 
+    def write(self, path: Path) -> None:
+        """Write the mesh as the script reads it, in the format of Medit (.mesh)."""
+        write_medit(self._mesh, path)
+
     def store(self, directory: Path) -> Self:
         """Write the mesh into a run folder; return the geometry that reads it there, with a path from there."""
-        write_medit(self._mesh, directory / STORED)
+        self.write(directory / STORED)
         naming = stored_naming(self._mesh, self._naming)
         boundaries = MeshBoundaries(**dict(naming.boundaries))
         changes = {"regions": dict(naming.regions), "boundaries": boundaries, "parts": dict(naming.parts)}

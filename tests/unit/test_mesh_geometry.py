@@ -1,0 +1,283 @@
+"""A mesh of the user's own: formats, regions and labels, what the run folder gets, and the script."""
+
+import re
+from pathlib import Path
+
+import meshio
+import numpy as np
+import pytest
+import tomli_w
+from vessel_meshes import CURVES, INNER, LUMEN, OUTER, TURN, WALL_REGION, scene_table, vessel, write_scene
+
+from ffsi import study
+from ffsi.cli import main
+from ffsi.render import parameter_flags, render
+from ffsi.scene import MeshGeometry, Scene, SceneError, boundaries, load_scene, stored
+from ffsi.scene.geometry.mesh import STORED, TAKEN
+
+NUMBERS = {
+    "regions": {"fluid": 1, "wall": 2},
+    "boundaries": {"inlet": 11, "outlet": 12, "walls": 13, "clamped": 14, "free": 15},
+}
+
+
+@pytest.fixture
+def scene(tmp_path) -> Scene:
+    return load_scene(write_scene(tmp_path))
+
+
+def of_table(folder: Path, **geometry: object) -> Scene:
+    (folder / "other.toml").write_text(tomli_w.dumps(scene_table(**geometry)))
+    return load_scene(folder / "other.toml")
+
+
+def polygon(radius: float, pieces: int) -> float:
+    """Length of a polygon in the vessel's bend, m."""
+    return 1e-3 * 2 * radius * pieces * np.sin(TURN / pieces / 2)
+
+
+def area(inner: float, outer: float, pieces: int) -> float:
+    """Area between two such polygons, m^2."""
+    return 1e-6 * pieces * np.sin(TURN / pieces) * (outer**2 - inner**2) / 2
+
+
+def test_roles_lengths_and_areas(scene) -> None:
+    found = {b.label: (b.role, b.part, pytest.approx(b.exact_length, rel=1e-12)) for b in boundaries(scene)}
+    assert found == {
+        1: ("inlet", None, 1e-3 * (LUMEN - INNER)),
+        2: ("outlet", None, 1e-3 * (LUMEN - INNER)),
+        3: ("no-slip", None, polygon(INNER, 6)),
+        6: ("clamped", None, 2e-3 * (OUTER - LUMEN)),
+        7: ("free", None, polygon(OUTER, 6)),
+        40: ("interface", "wall", polygon(LUMEN, 6)),
+    }
+    assert scene.exact_areas() == pytest.approx({"fluid": area(INNER, LUMEN, 6), "wall": area(LUMEN, OUTER, 6)})
+    assert scene.physics == "fsi"
+    assert scene.mesh.level == 0
+    assert scene.forces.reference_length == pytest.approx(3e-3)
+
+
+def test_the_inlet_starts_where_the_fluid_is_on_its_right(scene) -> None:
+    inlet = scene.geometry.inlet
+    inward, along = np.array((-np.sin(0.3), np.cos(0.3))), np.array((-np.cos(0.3), -np.sin(0.3)))
+    np.testing.assert_allclose(inlet.inward, inward, atol=1e-12)
+    np.testing.assert_allclose(along, (-inward[1], inward[0]), atol=1e-15)
+    np.testing.assert_allclose(inlet.start, 1e-3 * LUMEN * -along, atol=1e-14)
+    assert inlet.height == pytest.approx(3e-3)
+
+
+def test_the_tip_is_far_from_what_is_held(scene) -> None:
+    middle = 0.3 + TURN / 2
+    assert np.hypot(*scene.tip) == pytest.approx(1e-3 * OUTER)
+    assert np.arctan2(*scene.tip[::-1]) == pytest.approx(middle)
+    assert Scene.from_toml(scene.to_toml()).tip == scene.tip
+
+
+def test_tip_and_probes_of_the_scene(tmp_path) -> None:
+    write_scene(tmp_path)
+    x, y = 13.5 * np.cos(0.6), 13.5 * np.sin(0.6)
+    point = {"x": f"{x:.6f} mm", "y": f"{y:.6f} mm"}
+    scene = of_table(tmp_path, tip=point, probes={"middle": point})
+    assert scene.tip == scene.probes["middle"] == pytest.approx((1e-3 * x, 1e-3 * y), abs=1e-8)
+    script = render(scene)
+    assert "real middleProbeX = geometryProbesMiddleX" in script
+    assert {"geometry_tip_x", "geometry_probes_middle_y"} < parameter_flags(scene).keys()
+
+
+FORMATS = [
+    ("gmsh22", "vessel.msh", "gmsh:physical", {}),
+    ("medit", "vessel.mesh", "medit:ref", NUMBERS),
+    ("vtu", "vessel.vtu", "group", NUMBERS),
+    ("vtk", "vessel.vtk", "group", NUMBERS),
+    ("vtu", "vessel.vtu", "gmsh:physical", NUMBERS),
+]
+
+
+@pytest.mark.parametrize(("form", "name", "data", "names"), FORMATS, ids=[f"{row[0]}-{row[2]}" for row in FORMATS])
+def test_formats(form, name, data, names, scene, tmp_path) -> None:
+    vessel().write(tmp_path / name, form, data)
+    assert of_table(tmp_path, file=name, **names).geometry == scene.geometry
+
+
+def test_numbers_and_names_mean_the_same(scene, tmp_path) -> None:
+    assert of_table(tmp_path, **NUMBERS).geometry == scene.geometry
+    text = {key: {name: str(number) for name, number in table.items()} for key, table in NUMBERS.items()}
+    assert of_table(tmp_path, **text).geometry == scene.geometry
+
+
+def test_equal_names_of_a_region_and_a_boundary(scene, tmp_path) -> None:
+    drawing = vessel()
+    drawing.names = {
+        "wall" if name == "inner" else name: value for name, value in drawing.names.items() if name != "wall"
+    }
+    drawing.write(tmp_path / "vessel.msh")
+    text = (tmp_path / "vessel.msh").read_bytes().replace(b"$PhysicalNames\n7\n", b'$PhysicalNames\n8\n2 2 "wall"\n')
+    (tmp_path / "vessel.msh").write_bytes(text)
+    table = {**scene_table()["geometry"]["boundaries"], "walls": "wall"}
+    assert of_table(tmp_path, boundaries=table).geometry == scene.geometry
+
+
+def test_order_of_nodes_unused_nodes_and_a_third_column_do_not_matter(scene, tmp_path) -> None:
+    drawing = vessel()
+    drawing.triangles[::3] = drawing.triangles[::3, ::-1]
+    drawing.triangles += 1
+    drawing.lines = drawing.lines[:, ::-1] + 1
+    points = np.column_stack([drawing.points, np.full(len(drawing.points), 2.0)])
+    drawing.points = np.vstack([[99.0, 99.0, 99.0], points])
+    drawing.write(tmp_path / "vessel.msh")
+    other = of_table(tmp_path)
+    assert boundaries(other) == boundaries(scene)
+    assert other.exact_areas() == pytest.approx(scene.exact_areas())
+
+
+def test_units(scene, tmp_path) -> None:
+    drawing = vessel()
+    drawing.points = drawing.points / 10
+    drawing.write(tmp_path / "vessel.msh")
+    assert of_table(tmp_path, unit="cm").exact_areas() == pytest.approx(scene.exact_areas())
+    assert of_table(tmp_path, unit=None).exact_areas()["wall"] == pytest.approx(1e4 * scene.exact_areas()["wall"])
+
+
+def test_another_mesh_is_another_scene(scene, tmp_path) -> None:
+    assert load_scene(tmp_path / "scene.toml") == scene
+    drawing = vessel()
+    drawing.points[7] += 0.01
+    drawing.write(tmp_path / "vessel.msh")
+    assert load_scene(tmp_path / "scene.toml") != scene
+
+
+@pytest.mark.parametrize("parts", [{}, {"stent": "inner"}])
+def test_the_run_folder_holds_all(parts, tmp_path, monkeypatch) -> None:
+    write_scene(tmp_path)
+    scene = of_table(tmp_path, parts=parts)
+    run = tmp_path / "run"
+    run.mkdir()
+    (run / "scene.toml").write_text(stored(scene, run).to_toml())
+    for path in tmp_path.glob("*.*"):
+        path.unlink()
+    monkeypatch.chdir(run.parent)
+    again = load_scene(run / "scene.toml")
+    assert again == scene
+    assert again.geometry.file == str(run / STORED)
+    assert stored(again, run).to_toml() == (run / "scene.toml").read_text()
+    assert render(again) == render(scene)
+    for array in ("vertices", "triangles", "region", "edges", "label"):
+        np.testing.assert_array_equal(getattr(again.geometry._mesh, array), getattr(scene.geometry._mesh, array))
+
+
+def test_parts(tmp_path) -> None:
+    write_scene(tmp_path)
+    scene = of_table(tmp_path, parts={"core": "inner"})
+    found = {b.label: (b.name, b.role, b.part) for b in boundaries(scene)}
+    assert found[40] == ("core", "no-slip", "core")
+    assert found[5] == ("interface", "interface", None)
+    assert 3 not in found
+    both = of_table(tmp_path, parts={"core": "inner", "skin": "interface"})
+    assert [(b.label, b.part) for b in boundaries(both) if b.part] == [(40, "core"), (41, "skin")]
+
+
+def test_rigid_vessel(tmp_path) -> None:
+    drawing = vessel()
+    keep = drawing.region != WALL_REGION
+    drawing.triangles, drawing.region = drawing.triangles[keep], drawing.region[keep]
+    keep = ~np.isin(drawing.curve, (CURVES["ends"], CURVES["outside"]))
+    drawing.lines, drawing.curve = drawing.lines[keep], drawing.curve[keep]
+    drawing.write(tmp_path / "vessel.msh")
+    outline = {"inlet": 11, "outlet": 12, "walls": ["inner", "interface"]}
+    table = scene_table(regions={"fluid": "lumen"}, boundaries=outline)
+    del table["solid"]
+    (tmp_path / "scene.toml").write_text(tomli_w.dumps(table))
+    scene = load_scene(tmp_path / "scene.toml")
+    assert scene.physics == "fluid"
+    assert scene.tip is None
+    assert [(b.label, b.part) for b in boundaries(scene)] == [(1, None), (2, None), (40, "walls")]
+
+
+def test_wall_alone_under_a_load(tmp_path) -> None:
+    drawing = vessel()
+    keep = drawing.region == WALL_REGION
+    drawing.triangles, drawing.region = drawing.triangles[keep], drawing.region[keep]
+    drawing.lines, drawing.curve = drawing.lines[drawing.curve >= 14], drawing.curve[drawing.curve >= 14]
+    drawing.write(tmp_path / "vessel.msh")
+    table = scene_table(regions={"wall": "wall"}, boundaries={"clamped": "ends", "loaded": "outside"})
+    table = {key: value for key, value in table.items() if key not in ("fluid", "inflow", "outlet")}
+    (tmp_path / "scene.toml").write_text(tomli_w.dumps(table | {"traction": {"x": 5}}))
+    scene = load_scene(tmp_path / "scene.toml")
+    assert scene.physics == "solid"
+    assert [(b.label, b.role) for b in boundaries(scene)] == [(6, "clamped"), (7, "free"), (12, "loaded")]
+
+
+def test_levels(scene, tmp_path) -> None:
+    assert load_scene(tmp_path / "scene.toml", ["mesh.level=2"]).mesh.level == 2
+    assert "mesh_size_factor" not in parameter_flags(scene)
+    assert "mesh_level" in parameter_flags(scene)
+
+
+# Names ---------------------------------------------------------------------------------------------------------------
+
+
+def words(script: str) -> set[str]:
+    """Return all identifiers of a script, and the names of quantities in its texts."""
+    code = re.sub(r"//.*", "", script.replace('"\\""', ""))
+    quantities = set(re.findall(r'JsonReal\(file, "(\w+)"', code))
+    return quantities | set(re.findall(r"[A-Za-z][A-Za-z0-9]*", re.sub(r'"[^"]*"', "", code)))
+
+
+def names_in(found: set[str], mark: str) -> set[str]:
+    """Return the names that would make one of the other words if they stood where the name `mark` stands."""
+    others = [word for word in found if mark not in word.lower()]
+    names = set()
+    for word in found:
+        pattern = word.replace(mark, "([a-z][a-z0-9]*)").replace(mark.capitalize(), "([A-Z][a-z0-9]*)")
+        matches = (re.fullmatch(pattern, other) for other in others if pattern != word)
+        names |= {match.group(1).lower() for match in matches if match}
+    return names
+
+
+@pytest.mark.parametrize("timed", [False, True])
+def test_no_name_of_a_solid_makes_an_identifier_twice(timed, tmp_path) -> None:
+    """What a solid called "zz" adds to the script shows which names would collide with the rest of it."""
+    write_scene(tmp_path)
+    table = scene_table(
+        regions={"fluid": "lumen", "zz": "wall"},
+        parts={"pp": "inner", "rr": "interface"},
+        probes={"qq": {"x": "12 mm", "y": "6 mm"}},
+    )
+    (solid,) = table["solid"].values()
+    table["solid"] = {"zz": {**solid, "formulation": "mixed"}}
+    if timed:
+        table["time"] = {"step": 0.1, "end": 1}
+    (tmp_path / "scene.toml").write_text(tomli_w.dumps(table))
+    found = words(render(load_scene(tmp_path / "scene.toml")))
+    taken = names_in(found, "zz") | names_in(found, "qq") | names_in(found, "pp") - {"rr"}
+    assert {"fluid", "tip", "surface"} <= taken
+    assert taken <= set(TAKEN), sorted(taken - set(TAKEN))
+
+
+def test_render_writes_the_mesh_beside_the_script(scene, tmp_path, capsys) -> None:
+    with pytest.raises(SystemExit) as stopped:
+        main(["render", str(tmp_path / "scene.toml"), "-o", str(tmp_path / "flow.edp")])
+    assert not stopped.value.code
+    assert 'string meshFile = "flow.mesh";' in (tmp_path / "flow.edp").read_text()
+    assert len(meshio.read(tmp_path / "flow.mesh").points) == len(vessel().points)
+    with pytest.raises(SystemExit) as stopped:
+        main(["render", str(tmp_path / "scene.toml"), "-o", str(tmp_path / 'a"b.edp')])
+    assert stopped.value.code == 2
+    assert "needs a name of letters" in capsys.readouterr().err
+    assert not (tmp_path / 'a"b.edp').exists()
+
+
+def test_a_sweep_knows_its_mesh(scene, tmp_path) -> None:
+    vary = {"inflow.mean_velocity": [0.01, 0.02]}
+    definition = study._definition(scene, vary)
+    assert definition["mesh"] == scene.geometry.digest
+    assert "mesh" not in study._definition(load_scene("flap-svk"), vary)
+
+
+def test_from_python(tmp_path, monkeypatch) -> None:
+    write_scene(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    geometry = MeshGeometry(**scene_table()["geometry"])
+    assert geometry == load_scene(tmp_path / "scene.toml").geometry
+    with pytest.raises(SceneError, match=r'regions\.fluid = "x": no such region'):
+        MeshGeometry(**scene_table(regions={"fluid": "x"})["geometry"])
