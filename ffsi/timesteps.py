@@ -18,8 +18,8 @@ from ffsi.rawfiles import RawFileError, read_arrays
 
 logger = logging.getLogger(__name__)
 
-CHECKPOINT_VERSION = 1
-_LAYOUT = (int, float, float, float, float, int)
+CHECKPOINT_VERSION = 2
+_STATES, _PER_FACTORS = 4, 3  # arrays of the last states, and for each set of kept factors
 _SAME = 1e-9
 _WINDKESSEL = ("windkessel_old", "windkessel_new")
 
@@ -149,14 +149,15 @@ def _read_checkpoint(path: Path) -> Checkpoint | None:
     if not path.is_file():
         return None
     try:
-        head, times, *states, mark = read_arrays(path, _LAYOUT)
-    except RawFileError as error:  # half written when the run was killed
+        head, times, *arrays, mark = read_arrays(path, (int, float), more=int)  # all values have eight bytes
+    except (RawFileError, ValueError) as error:  # half written when the run was killed
         logger.debug("%s", error)
         return None
+    states = [array.view(np.float64) for array in arrays[:_STATES]]
     whole = (
-        len(head) == 5
-        and len(times) in (5, 6)  # the sixth: state of a Windkessel
+        len(head) > 5
         and int(head[0]) == CHECKPOINT_VERSION
+        and len(arrays) == _STATES + _PER_FACTORS * int(head[5])
         and mark.tolist() == [int(head[1])]
         and all(len(state) == int(head[2]) and bool(np.isfinite(state).all()) for state in states)
     )

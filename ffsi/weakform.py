@@ -161,7 +161,16 @@ def jacobian(scene: Scene) -> dict[str, Any]:
         terms += _solid_terms(scene, region, identifier(scene, name), law)
     constants = {"count": "nConstant", "row": "constantRow", "column": "constantColumn", "value": "constantValue"}
     system = _system(terms, _backflow_terms(scene))
-    return {**system, "name": "jacobian", "title": "Jacobian", "constants": constants, "row_map": "rowAt", "offset": ""}
+    return {
+        **system,
+        "name": "jacobian",
+        "title": "Jacobian",
+        "constants": constants,
+        "row_map": "rowAt",
+        "offset": "",
+        "many": False,
+        "matrix": "jacobianMatrix",
+    }
 
 
 def condensed(scene: Scene) -> dict[str, Any]:
@@ -186,6 +195,8 @@ def condensed(scene: Scene) -> dict[str, Any]:
         "constants": constants,
         "row_map": "",
         "offset": "vxFrom",
+        "many": True,
+        "matrix": "condensedMatrices[factor]",
     }
 
 
