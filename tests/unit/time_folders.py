@@ -66,7 +66,7 @@ class FakeTimeFreeFEM:
         (out / "stop").write_text("0\n")
         step = 0
         if "resume" in arguments:
-            head, *_rest = read_arrays(Path(arguments["resume"]), (int, float, float, float, float, int))
+            head, *_rest = read_arrays(Path(arguments["resume"]), (int, float), more=float)
             step = int(head[1])
         else:
             for name, text in (("history", HEAD), ("newton", NEWTON_HEAD), ("steps", STEPS_HEAD)):
