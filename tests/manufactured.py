@@ -63,6 +63,9 @@ class Swing:
         return 0.4 * np.cos(2.0 * t + self.phase)
 
 
+SWINGING = Swing(0.3)  # neither at rest nor at its largest at either end of a run
+
+
 def beating(t):
     return 1.0 + 0.5 * np.sin(3.0 * t)
 

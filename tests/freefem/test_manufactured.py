@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import scene_of
-from manufactured import DENSITY, LAMBDA, MU, SOLID_DENSITY, VISCOSITY, Exact, Swing, beating, det, vector
+from manufactured import DENSITY, LAMBDA, MU, SOLID_DENSITY, SWINGING, VISCOSITY, Exact, Swing, beating, det, vector
 from told import FLUID, SOLID, Solution, both_mesh, replaced, solid_mesh, told, write
 
 from ffsi.freefem import run_script
@@ -123,7 +123,6 @@ def thinning(solution: Solution) -> Solution:
     return replace(solution, exact={**solution.exact, FLUID: replace(solution.exact[FLUID], **law)})
 
 
-SWINGING = Swing(0.3)
 # In space. Without displacement at the start its interpolant is at equilibrium; another one, whose strain is of second
 # order only, would set the solid in motion.
 AT_REST = Swing(0.0)

@@ -1,15 +1,8 @@
-"""Method of manufactured solutions: the equations, written anew from their spatial form, and the orders in space.
-
-The sources come from smooth fields by numerical differentiation; none of the checker's formulas is used for them. The
-fluid's are those of Navier-Stokes at the moving points x = X + u, which know nothing of a mesh: F, J and the mesh
-velocity enter only by where the points are.
-"""
-
-from collections.abc import Callable
-from dataclasses import dataclass
+"""Method of manufactured solutions: the orders in space. The sources are those of tests/manufactured.py."""
 
 import numpy as np
 import pytest
+from manufactured import DENSITY, LAMBDA, MU, SOLID_DENSITY, VISCOSITY, Exact, det, divergence, gradient, vector
 
 from ffsi.rawfiles import RawState
 from ffsi.reference.elements import Elements
@@ -20,111 +13,17 @@ from ffsi.reference.structured import structured_mesh
 from ffsi.reference.system import System
 from ffsi.reference.viscosity import Carreau, Casson, Newtonian, PowerLaw
 
-DENSITY, VISCOSITY = 1.3, 0.05
-SOLID_DENSITY, LAMBDA, MU = 2.0, 6.0, 3.0
-TINY, WIDTH = 1e-30, 0.05
-# Central differences of order 8: at this width exact to 1e-14, and analytic, so that a complex step passes through.
-WEIGHTS = np.array([4 / 5, -1 / 5, 4 / 105, -1 / 280])
 
-
-def gradient(function, points):
-    """Derivatives of (n, ...) values by the coordinates, (n, ..., 2)."""
-    columns = []
-    for unit in np.eye(2):
-        pairs = [function(points + m * WIDTH * unit) - function(points - m * WIDTH * unit) for m in range(1, 5)]
-        columns.append(sum(w * pair for w, pair in zip(WEIGHTS, pairs, strict=True)) / WIDTH)
-    return np.stack(columns, axis=-1)
-
-
-def divergence(function, points):
-    """Row divergence (n, 2) of a tensor field (n, 2, 2)."""
-    return sum(function(points + 1j * TINY * unit)[..., j].imag / TINY for j, unit in enumerate(np.eye(2)))
-
-
-def rate(function, t):
-    return function(t + 1j * TINY).imag / TINY
-
-
-def spherical(values):
-    return values[:, None, None] * np.eye(2)
-
-
-def cofactor(f):
-    return np.stack([np.stack([f[:, 1, 1], -f[:, 1, 0]], -1), np.stack([-f[:, 0, 1], f[:, 0, 0]], -1)], axis=1)
-
-
-def det(f):
-    return f[:, 0, 0] * f[:, 1, 1] - f[:, 0, 1] * f[:, 1, 0]
-
-
-def vector(*components):
-    return np.stack(np.broadcast_arrays(*components), axis=-1)
-
-
-@dataclass(frozen=True)
-class Exact:
-    """Exact fields: u of X; velocity and pressure of the fluid of the place x; velocity and pressure of the solid of X.
-
-    ``viscosity`` is a function of the squared shear rate. A solid with a pressure of its own is neo-Hookean, whose
-    pressure stands for all that resists a change of volume.
-    """
-
-    u: Callable
-    velocity: Callable = None
-    p: Callable = None
-    solid_velocity: Callable = None
-    solid_pressure: Callable = None
-    viscosity: Callable = lambda squared: VISCOSITY + 0 * squared
-
-    def place(self, x, t):
-        return x + self.u(x, t)
-
-    def deformation(self, x, t):
-        return np.eye(2) + gradient(lambda z: self.u(z, t), x)
-
-    def v(self, x, t):
-        """Velocity of the fluid at reference points."""
-        return self.velocity(self.place(x, t), t)
-
-    def cauchy(self, x, t):
-        g = gradient(lambda z: self.velocity(z, t), x)
-        rate = g + g.swapaxes(1, 2)
-        return -spherical(self.p(x, t)) + self.viscosity((rate**2).sum(axis=(1, 2)) / 2)[:, None, None] * rate
-
-    def fluid_force(self, x, t):
-        place, jacobian = self.place(x, t), det(self.deformation(x, t))
-        g = gradient(lambda z: self.velocity(z, t), place)
-        acceleration = rate(lambda s: self.velocity(place, s), t) + np.einsum("nij,nj->ni", g, self.velocity(place, t))
-        return jacobian[:, None] * (DENSITY * acceleration - divergence(lambda z: self.cauchy(z, t), place))
-
-    def fluid_stress(self, x, t):
-        return self.cauchy(self.place(x, t), t) @ cofactor(self.deformation(x, t))
-
-    def mass(self, x, t):
-        g = gradient(lambda z: self.velocity(z, t), self.place(x, t))
-        return det(self.deformation(x, t)) * np.trace(g, axis1=1, axis2=2)
-
-    def solid_stress(self, x, t):
-        f = self.deformation(x, t)
-        if self.solid_pressure is not None:
-            return MU * f - spherical(self.solid_pressure(x, t) + MU / det(f)) @ cofactor(f)
-        strain = 0.5 * (f.swapaxes(1, 2) @ f - np.eye(2))
-        return f @ (LAMBDA * spherical(np.trace(strain, axis1=1, axis2=2)) + 2 * MU * strain)
-
-    def solid_force(self, x, t):
-        inertia = SOLID_DENSITY * rate(lambda s: self.solid_velocity(x, s), t)
-        return inertia - divergence(lambda z: self.solid_stress(z, t), x)
-
-    def manufactured(self, velocity, regions):
-        force = {1: self.fluid_force, 2: self.solid_force}
-        stress = {1: self.fluid_stress, 2: self.solid_stress}
-        return Manufactured(
-            self.u,
-            velocity,
-            {region: force[region] for region in regions},
-            {region: stress[region] for region in regions},
-            self.mass if 1 in regions else None,
-        )
+def manufactured_of(exact, velocity, regions):
+    force = {1: exact.fluid_force, 2: exact.solid_force}
+    stress = {1: exact.fluid_stress, 2: exact.solid_stress}
+    return Manufactured(
+        exact.u,
+        velocity,
+        {region: force[region] for region in regions},
+        {region: stress[region] for region in regions},
+        exact.mass if 1 in regions else None,
+    )
 
 
 # Meshes and problems on the unit square -------------------------------------------------------------------------------
@@ -137,7 +36,7 @@ def fluid_system(n, exact, law=None):
         fluid=Fluid(DENSITY, law or Newtonian(VISCOSITY)),
         boundaries=boundaries,
         outlet="zero-traction",
-        manufactured=exact.manufactured(exact.v, [1]),
+        manufactured=manufactured_of(exact, exact.v, [1]),
     )
     grid = np.linspace(0, 1, n + 1)
     return System.build(problem, structured_mesh(grid, grid, lambda x, y: 1, lambda x, y: 1 + (x == 1.0)))
@@ -150,7 +49,7 @@ def solid_system(n, exact, solid):
         fluid=None,
         boundaries=boundaries,
         solids={2: solid},
-        manufactured=exact.manufactured(exact.solid_velocity, [2]),
+        manufactured=manufactured_of(exact, exact.solid_velocity, [2]),
     )
     grid = np.linspace(0, 1, n + 1)
     return System.build(problem, structured_mesh(grid, grid, lambda x, y: 2, lambda x, y: 6 if x in (0, 1) else 7))
@@ -180,7 +79,7 @@ def both_system(n, exact, kind="harmonic", solid=None):
         solids={2: solid or Solid(SOLID_DENSITY, StVenantKirchhoff(LAMBDA, MU))},
         outlet="zero-traction",
         mesh_motion=MeshMotion(0.0, 0.7, kind),
-        manufactured=exact.manufactured(velocity, [1, 2]),
+        manufactured=manufactured_of(exact, velocity, [1, 2]),
     )
     grid = np.linspace(0, 1, n + 1)
     return System.build(problem, structured_mesh(grid, grid, lambda x, y: 1 + (y < 0.5), label))

@@ -4,20 +4,8 @@ import dataclasses
 
 import numpy as np
 import pytest
-from test_reference_manufactured import (
-    LAMBDA,
-    LAWS,
-    MU,
-    SOLID_DENSITY,
-    Exact,
-    assert_orders,
-    both_system,
-    fluid_system,
-    nodal,
-    parabolas,
-    solid_system,
-    vector,
-)
+from manufactured import LAMBDA, MU, SOLID_DENSITY, SWINGING, Exact, beating, vector
+from test_reference_manufactured import LAWS, assert_orders, both_system, fluid_system, nodal, parabolas, solid_system
 
 from ffsi.reference import terms
 from ffsi.reference.materials import NeoHookean, StVenantKirchhoff
@@ -56,27 +44,14 @@ def time_errors(system, exact, scheme, end=0.4, counts=(8, 16)):
     return np.array(errors)
 
 
-def swinging(t):
-    """Amplitude that is neither at rest nor at its largest at either end of a time interval."""
-    return 0.2 * np.sin(2.0 * t + 0.3)
-
-
-def swinging_rate(t):
-    return 0.4 * np.cos(2.0 * t + 0.3)
-
-
-def beating(t):
-    return 1.0 + 0.5 * np.sin(3.0 * t)
-
-
 def sheared(x, t):
     """Displacement of a mesh that is stretched and that a parabola shears: J = 1 + swinging."""
-    return swinging(t) * vector(x[:, 0] + x[:, 1] ** 2, 0.0)
+    return SWINGING(t) * vector(x[:, 0] + x[:, 1] ** 2, 0.0)
 
 
 def unsheared(place, t):
     """Reference points of places on the sheared mesh."""
-    s, (x, y) = swinging(t), place.T
+    s, (x, y) = SWINGING(t), place.T
     return vector((x - s * y**2) / (1.0 + s), y)
 
 
@@ -97,10 +72,10 @@ def fluid_above_a_shear(solid_pressure=None):
     """Both are sheared by a linear displacement; the fluid flows at its own velocity but at the interface."""
 
     def displacement(x, t):
-        return swinging(t) * vector(x[:, 1], 0.0)
+        return SWINGING(t) * vector(x[:, 1], 0.0)
 
     def solid_velocity(x, t):
-        return swinging_rate(t) * vector(x[:, 1], 0.0)
+        return SWINGING.rate(t) * vector(x[:, 1], 0.0)
 
     def velocity(place, t):
         x = place - displacement(place, t)
@@ -127,12 +102,12 @@ def swelling_solid():
     shape = np.array([[1.0, 0.4], [0.3, 0.8]])
 
     def pressure(x, t):
-        jacobian = np.linalg.det(np.eye(2) + swinging(t) * shape)
+        jacobian = np.linalg.det(np.eye(2) + SWINGING(t) * shape)
         return np.broadcast_to(-LAMBDA * np.log(jacobian) / jacobian, x.shape[:1])
 
     exact = Exact(
-        u=lambda x, t: swinging(t) * x @ shape.T,
-        solid_velocity=lambda x, t: swinging_rate(t) * x @ shape.T,
+        u=lambda x, t: SWINGING(t) * x @ shape.T,
+        solid_velocity=lambda x, t: SWINGING.rate(t) * x @ shape.T,
         solid_pressure=pressure,
     )
     return solid_system(2, exact, Solid(SOLID_DENSITY, NeoHookean(LAMBDA, MU), "mixed")), exact
@@ -141,8 +116,8 @@ def swelling_solid():
 def sheared_solid():
     """An incompressible solid, sheared by a parabola, with a pressure that it is free to choose."""
     exact = Exact(
-        u=lambda x, t: swinging(t) * vector(x[:, 1] ** 2, 0.0),
-        solid_velocity=lambda x, t: swinging_rate(t) * vector(x[:, 1] ** 2, 0.0),
+        u=lambda x, t: SWINGING(t) * vector(x[:, 1] ** 2, 0.0),
+        solid_velocity=lambda x, t: SWINGING.rate(t) * vector(x[:, 1] ** 2, 0.0),
         solid_pressure=pressed,
     )
     return solid_system(2, exact, INCOMPRESSIBLE), exact
@@ -161,7 +136,7 @@ def test_shear_thinning_fluid_converges_in_time(scheme):
     law, viscosity = LAWS["carreau"]
     exact = dataclasses.replace(
         fluid_on_a_moving_mesh(),
-        u=lambda x, t: swinging(t) * vector(x[:, 0] + x[:, 1], 0.0),
+        u=lambda x, t: SWINGING(t) * vector(x[:, 0] + x[:, 1], 0.0),
         velocity=lambda x, t: beating(t) * vector(0.5 + 2.0 * x[:, 1], 0.3 * x[:, 0]),
         p=lambda x, t: 5.0 * beating(t) * planes(x),
         viscosity=viscosity,
@@ -185,7 +160,7 @@ def test_fluid_on_a_mesh_at_rest_converges_in_time(scheme):
 @pytest.mark.parametrize("scheme", SCHEMES)
 def test_solid_converges_in_time(scheme):
     exact = Exact(
-        u=lambda x, t: swinging(t) * parabolas(x), solid_velocity=lambda x, t: swinging_rate(t) * parabolas(x)
+        u=lambda x, t: SWINGING(t) * parabolas(x), solid_velocity=lambda x, t: SWINGING.rate(t) * parabolas(x)
     )
     system = solid_system(2, exact, Solid(SOLID_DENSITY, StVenantKirchhoff(LAMBDA, MU)))
     errors = time_errors(system, exact, scheme)
