@@ -16,10 +16,10 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from ffsi import folder, vtu
-from ffsi.fields import FLUID, Fields
+from ffsi.fields import FLUID, Fields, FloatArray
 from ffsi.folder import InputError
 from ffsi.references import Reference
-from ffsi.scene import Scene, load_scene, with_values
+from ffsi.scene import Aneurysm, Scene, load_scene, with_values
 from ffsi.timesteps import SavedStep, read_history, read_saved_steps
 
 if TYPE_CHECKING:
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
 
+    from ffsi.hemodynamics.state import AneurysmState
     from ffsi.rawfiles import RawMesh
 
 UNITS = {
@@ -37,8 +38,15 @@ UNITS = {
     "pressure_drop": "Pa",
     "pressure_difference": "Pa",
     "outlet_pressure": "Pa",
+    "flow_rate_in": "m²/s",
     "flow_rate_out": "m²/s",
+    "dome_inflow": "m²/s",
+    "dome_area": "m²",
+    "turnover_time": "s",
+    "dome_displacement_max": "m",
 }
+FAMILIES = {"wss_": "Pa", "tawss_": "Pa", "rrt_": "1/Pa", "effective_stress_": "Pa"}
+"""Units of quantities that exist for several parts, by how their names begin."""
 
 
 @dataclass(frozen=True)
@@ -162,6 +170,35 @@ class Result:
         mixed = [region for region, solid in enumerate(self.scene.solid.values(), start=FLUID + 1) if solid.mixed]
         return Fields.from_raw(self._raw_mesh, read_state(self.directory / state, self._raw_mesh), mixed)
 
+    @property
+    def aneurysm(self) -> AneurysmState:
+        """Wall shear stress, effective stress and flow into the dome of the last state.
+
+        Raises:
+            InputError: no state was saved, or the geometry is no aneurysm.
+        """
+        if self.state_file is None:
+            raise InputError(f"{self.directory} holds no state")
+        return self.aneurysm_at(self.state_file)
+
+    def aneurysm_at(self, state: str) -> AneurysmState:
+        """Return the same of a saved state, given the name of its file.
+
+        Raises:
+            InputError: the geometry is no aneurysm.
+        """
+        from ffsi.hemodynamics.state import AneurysmState
+        from ffsi.rawfiles import read_state
+
+        if not isinstance(self.scene.geometry, Aneurysm):
+            raise InputError(f'the geometry "{self.scene.geometry.kind}" is no aneurysm')
+        raw = read_state(self.directory / state, self._raw_mesh)
+        return AneurysmState(self.scene, self._raw_mesh, raw, self._read_fields(state))
+
+    def wall_data(self, state: str) -> dict[str, FloatArray]:
+        """Return point data of a saved state beside its fields: wall shear and effective stress of an aneurysm, Pa."""
+        return self.aneurysm_at(state).point_data if isinstance(self.scene.geometry, Aneurysm) else {}
+
     @cached_property
     def _raw_mesh(self) -> RawMesh:
         from ffsi.rawfiles import read_mesh
@@ -194,7 +231,7 @@ class Result:
     @property
     def mesh(self) -> meshio.Mesh:
         """Quadratic triangles (`triangle6`) on the reference configuration with all fields, as a meshio mesh."""
-        return vtu.to_meshio(self.fields)
+        return vtu.to_meshio(self.fields, self.wall_data(self.state_file) if self.state_file else {})
 
     def sample(self, points: ArrayLike) -> pd.DataFrame:
         """Evaluate the fields at reference points.
@@ -341,4 +378,7 @@ def unit(quantity: str) -> str:
     if quantity.endswith("_frequency"):
         return "Hz"
     name = quantity.removesuffix("_mean").removesuffix("_amplitude")
+    for start, name_unit in FAMILIES.items():
+        if name.startswith(start):
+            return name_unit
     return "m" if name.endswith(("_ux", "_uy")) else UNITS.get(name, "1")

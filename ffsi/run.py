@@ -17,7 +17,7 @@ from ffsi.folder import InputError
 from ffsi.freefem import Event, FreeFEMError, Installation, find_freefem, run_script
 from ffsi.render import is_runtime_parameter, render
 from ffsi.result import Result
-from ffsi.scene import Scene, stored, with_values
+from ffsi.scene import Aneurysm, Scene, stored, with_values
 
 logger = logging.getLogger(__name__)
 
@@ -230,9 +230,17 @@ class _Point:
         }
         if not self.alone:
             data["varied"] = dict(self.varied)
+        if state is not None and not failure:
+            data["quantities"] |= self._of_aneurysm(data)
         if self.scene.time is not None:
             unsteady.complete(data, self.scene, self.directory)
         return data
+
+    def _of_aneurysm(self, data: dict[str, Any]) -> dict[str, float]:
+        """Return what only an aneurysm has: wall shear stress, effective stress, flow into the dome."""
+        if not isinstance(self.scene.geometry, Aneurysm):
+            return {}
+        return Result(self.scene, self.directory, data).aneurysm.quantities
 
     def check(self, data: dict[str, Any]) -> None:
         """Run the independent checker on a solved point; a mismatch makes it a failed one."""
@@ -262,15 +270,17 @@ class _Point:
         output = self.scene.output
         begin = time.perf_counter()
         if output.vtu and result.saved_steps:
-            vtu.write_series(
-                self.directory, ((step.step, step.time, result.fields_of(step)) for step in result.saved_steps)
+            steps = (
+                (step.step, step.time, result.fields_of(step), result.wall_data(step.new))
+                for step in result.saved_steps
             )
+            vtu.write_series(self.directory, steps)
         if data["state"] is None:
             return
         from ffsi.report import figures
 
         if output.vtu and (not result.saved_steps or data["failure"] == "not-converged"):
-            vtu.write_vtu(self.file("fields.vtu"), result.fields)
+            vtu.write_vtu(self.file("fields.vtu"), result.fields, result.wall_data(data["state"]))
         written = time.perf_counter()
         data["timings"]["output"] = _seconds(data["timings"].get("output", 0.0) + written - begin)
         if output.pictures:

@@ -2,23 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import meshio
 import numpy as np
 
 from ffsi import folder
-from ffsi.fields import Fields
+from ffsi.fields import Fields, FloatArray
 
 
-def to_meshio(fields: Fields) -> meshio.Mesh:
+def to_meshio(fields: Fields, more: Mapping[str, FloatArray] | None = None) -> meshio.Mesh:
     """Return the reference mesh with its fields.
 
     Point data: `displacement` (m), `velocity` (m/s), `pressure` (Pa) and, with mixed solids, `solid_pressure` (Pa);
-    cell data: `region`.
+    cell data: `region`. Vectors have three components (the third is zero), so that ParaView can warp by `displacement`.
 
-    Vectors have three components (the third is zero), so that ParaView can warp by `displacement`.
+    Args:
+        fields: the fields.
+        more: further point data by name, (n,) or (n, 2).
     """
     point_data = {
         "displacement": _three(fields.displacement),
@@ -27,6 +29,8 @@ def to_meshio(fields: Fields) -> meshio.Mesh:
     }
     if fields.solid_pressure is not None:
         point_data["solid_pressure"] = fields.solid_pressure
+    for name, values in (more or {}).items():
+        point_data[name] = _three(values) if values.ndim == 2 else values
     return meshio.Mesh(
         points=_three(fields.points),
         cells=[("triangle6", fields.cells)],
@@ -35,24 +39,24 @@ def to_meshio(fields: Fields) -> meshio.Mesh:
     )
 
 
-def write_vtu(path: Path, fields: Fields) -> None:
-    """Write `fields` as a compressed binary VTU file of quadratic triangles on the reference configuration."""
+def write_vtu(path: Path, fields: Fields, more: Mapping[str, FloatArray] | None = None) -> None:
+    """Write fields and further point data as a compressed VTU file of quadratic triangles, reference configuration."""
     partial = path.with_name(f".{path.name}.part")
-    to_meshio(fields).write(partial, file_format="vtu", binary=True, compression="zlib")
+    to_meshio(fields, more).write(partial, file_format="vtu", binary=True, compression="zlib")
     partial.replace(path)
 
 
-def write_series(directory: Path, states: Iterable[tuple[int, float, Fields]]) -> None:
+def write_series(directory: Path, states: Iterable[tuple[int, float, Fields, Mapping[str, FloatArray]]]) -> None:
     """Write a series in time for ParaView: `fields-000123.vtu` for every state, and `fields.pvd` with their times.
 
     Args:
         directory: where the files go.
-        states: number of the time step, time in s and fields of every state.
+        states: number of the time step, time in s, fields and further point data of every state.
     """
     entries = []
-    for step, time, fields in states:
+    for step, time, fields, more in states:
         name = f"fields-{step:06d}.vtu"
-        write_vtu(directory / name, fields)
+        write_vtu(directory / name, fields, more)
         entries.append(f'    <DataSet timestep="{time!r}" part="0" file="{name}"/>\n')
     head = (
         '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1" byte_order="LittleEndian">\n  <Collection>\n'

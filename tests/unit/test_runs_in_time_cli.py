@@ -161,7 +161,7 @@ def test_a_common_scale_fits_all_states():
 
 
 def test_a_series_for_paraview(tmp_path):
-    vtu.write_series(tmp_path, ((step, 0.1 * step, fields(step)) for step in (2, 12)))
+    vtu.write_series(tmp_path, ((step, 0.1 * step, fields(step), {}) for step in (2, 12)))
     root = ElementTree.parse(tmp_path / "fields.pvd").getroot()
     assert root.attrib["type"] == "Collection"
     entries = [(entry.attrib["timestep"], entry.attrib["file"]) for entry in root.iter("DataSet")]

@@ -100,6 +100,16 @@ class Aneurysm(ChannelGeometry):
         return math.atan2(y0, x0), math.atan2(y1, x1)
 
     @property
+    def corners(self) -> list[tuple[float, float]]:
+        """Where the walls have corners: the neck's ends, and where the dome's wall meets the vessel's, m."""
+        outside = self.radii[3]
+        found = list(self.neck)
+        for offset in (0.0, self.dome_wall_thickness):
+            at = dome.crossing(outside, offset)
+            found += [(x, y) for x, y in dome.curve(np.array([at.first, at.second]), offset).tolist()]
+        return found
+
+    @property
     def sides(self) -> tuple[tuple[float, float], tuple[float, float]]:
         """Where the round part of the dome begins, seen from the neck's two ends, m."""
         (x0, y0), (x1, y1) = dome.lumen().outline[[3, -2]].tolist()
@@ -188,6 +198,6 @@ class Aneurysm(ChannelGeometry):
             outside += quarter * dry_inner + (dry.first_angle + quarter - dry.second_angle) * dry_outer
             found += [
                 Boundary("wall_ends", CLAMPED, "clamped", 4 * self.wall_thickness),
-                Boundary("outer_side", OUTER, "free", outside, curved=True),
+                Boundary("outer_side", OUTER, "free", outside, curved=True, outer=True),
             ]
         return found

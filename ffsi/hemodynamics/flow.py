@@ -1,0 +1,76 @@
+"""Flow rates: through inlet and outlet, and through the neck of an aneurysm."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ffsi.fields import Fields
+from ffsi.hemodynamics.walls import wall_points
+from ffsi.rawfiles import RawMesh, RawState
+from ffsi.scene.boundaries import DOME_WALL, INLET, OUTLET
+from ffsi.scene.geometry import Aneurysm
+
+Floats = NDArray[np.float64]
+_NECK_POINTS = 2001
+
+
+def flow_rate(mesh: RawMesh, state: RawState, label: int) -> float:
+    """Return the flow rate out of the fluid through a boundary that does not move, m^2/s; exact for quadratic v."""
+    points = wall_points(mesh, [label])
+    nodes = np.column_stack([points.ends, points.middle])
+    normal_velocity = np.einsum("nai,ni->na", state.v[nodes], points.normal)
+    return float((normal_velocity @ np.array([1, 1, 4]) / 6) @ points.length)
+
+
+def rates(mesh: RawMesh, state: RawState) -> dict[str, float]:
+    """Return the flow rates in and out, m^2/s, and their difference relative to the former."""
+    into, out = -flow_rate(mesh, state, INLET), flow_rate(mesh, state, OUTLET)
+    return {"flow_rate_in": into, "flow_rate_out": out, "mass_balance": (into - out) / (abs(into) or 1.0)}
+
+
+@dataclass(frozen=True)
+class DomeFlow:
+    """Flow through the neck line of an aneurysm: rate into the dome (m^2/s), area of the dome (m^2).
+
+    The flow into the dome and the one out of it cross the line in different places; `inflow` is the former.
+    """
+
+    inflow: float
+    area: float
+
+    @property
+    def turnover_time(self) -> float:
+        """Time in which the inflow fills the dome once, s; infinite without inflow."""
+        return self.area / self.inflow if self.inflow > 0 else np.inf
+
+
+def dome_flow(geometry: Aneurysm, mesh: RawMesh, state: RawState, fields: Fields) -> DomeFlow:
+    """Return the flow through the line between the neck's ends, on the deformed mesh.
+
+    Args:
+        geometry: the aneurysm.
+        mesh: the reference mesh.
+        state: the unknowns.
+        fields: the same unknowns as fields.
+    """
+    start, end = np.array(geometry.neck)
+    share = np.linspace(0, 1, _NECK_POINTS)[:, None]
+    line = start + share * (end - start)
+    found = fields.sample(line)
+    # Within a strut nothing flows; the ends lie on the mesh up to rounding.
+    velocity, shift = (np.nan_to_num(np.column_stack([found[x], found[y]])) for x, y in (("vx", "vy"), ("ux", "uy")))
+    moved = line + shift
+    step = np.diff(moved, axis=0)
+    mean = (velocity[1:] + velocity[:-1]) / 2
+    through = (
+        mean[:, 0] * step[:, 1] - mean[:, 1] * step[:, 0]
+    )  # from upstream to downstream the dome lies to the right
+    dome = wall_points(mesh, [DOME_WALL])
+    outline = (mesh.p2_coordinates + state.u)[np.column_stack([dome.ends[:, 0], dome.middle]).ravel()]
+    closed = np.concatenate([outline, moved[::-1]])
+    x, y = closed.T
+    area = abs(float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))) / 2
+    return DomeFlow(float(np.maximum(through, 0).sum()), area)

@@ -1,0 +1,65 @@
+"""Parts of an aneurysm's walls, and what a quantity along the walls comes to on each of them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ffsi.hemodynamics.walls import WallPoints
+from ffsi.scene.boundaries import DOME_WALL, STRUTS
+from ffsi.scene.geometry import Aneurysm
+
+Floats = NDArray[np.float64]
+
+PARTS = ("dome", "neck", "vessel")
+NECK_ZONE = 0.25
+"""The neck: the walls within this part of its length from its two ends, where the stress has its singular corners."""
+_PIECES = 20
+
+
+def neck_radius(geometry: Aneurysm) -> float:
+    """Return the distance (m) from the neck's ends up to which a wall belongs to the neck."""
+    return NECK_ZONE * geometry.neck_length
+
+
+def part_of(geometry: Aneurysm, label: NDArray[np.int64], position: Floats) -> NDArray[np.str_]:
+    """Return the part of the wall, "dome", "neck", "vessel" or "stent", of reference points (n, 2) in m."""
+    found = np.where(label == DOME_WALL, "dome", np.where(label >= STRUTS, "stent", "vessel"))
+    distance = np.min([np.hypot(*(position - end).T) for end in np.array(geometry.neck)], axis=0)
+    return np.where((distance < neck_radius(geometry)) & (found != "stent"), "neck", found)
+
+
+def over_parts(geometry: Aneurysm, points: WallPoints, values: Floats, length: Floats) -> dict[str, dict[str, float]]:
+    """Return mean, largest and smallest value on each part of the walls.
+
+    The mean is that of the piecewise linear curve through the points. A part may end within an edge.
+
+    Args:
+        geometry: the aneurysm.
+        points: of the walls.
+        values: (n,) at the points.
+        length: (n,) lengths of the deformed edges, m.
+
+    Returns:
+        For each part that has points: `mean`, `max` and `min` in the unit of the values.
+    """
+    # Every edge in small pieces: its value, its place in the reference mesh and its share of the edge's length.
+    share = (np.arange(_PIECES) + 0.5) / _PIECES - 0.5
+    tangent = np.column_stack([-points.normal[:, 1], points.normal[:, 0]])
+    offset = share * points.length[:, None]
+    place = points.position[:, None] + offset[..., None] * tangent[:, None]
+    fine = np.empty((len(values), _PIECES))
+    for chain in np.unique(points.chain):
+        on = points.chain == chain
+        fine[on] = np.interp(points.arc[on, None] + offset[on], points.arc[on], values[on])
+    label = np.repeat(points.label, _PIECES)
+    part = part_of(geometry, label, place.reshape(-1, 2))
+    weight = np.repeat(length / _PIECES, _PIECES)
+    exact = part_of(geometry, points.label, points.position)
+    found = {}
+    for name in PARTS:
+        at = values[exact == name]
+        if at.size:
+            mean = float(np.average(fine.ravel()[part == name], weights=weight[part == name]))
+            found[name] = {"mean": mean, "max": float(at.max()), "min": float(at.min())}
+    return found

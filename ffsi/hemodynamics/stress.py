@@ -1,0 +1,109 @@
+"""Effective (von Mises) stress in the walls, from the Cauchy stress in plane strain."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ffsi.rawfiles import RawMesh, RawState
+from ffsi.scene import Scene
+from ffsi.scene.materials import Elastic, MooneyRivlin, NeoHookean, StVenantKirchhoff
+
+Floats = NDArray[np.float64]
+
+# Barycentric coordinates of the nodes of a quadratic triangle: vertices, then the middles opposite to them.
+_NODES = np.array([[1, 0, 0], [0, 1, 0], [0, 0, 1], [0, 0.5, 0.5], [0.5, 0, 0.5], [0.5, 0.5, 0]])
+
+
+def cauchy_stress(law: Elastic, gradient: Floats, pressure: Floats | None = None) -> Floats:
+    """Return the Cauchy stress (n, 3, 3) in Pa of a solid in plane strain, from F = diag(I + grad u, 1).
+
+    Args:
+        law: the material.
+        gradient: (n, 2, 2) grad u.
+        pressure: (n,) Pa, of a mixed solid.
+
+    Raises:
+        TypeError: the material is not known here.
+    """
+    deformation = np.zeros((len(gradient), 3, 3))
+    deformation[:, :2, :2] = gradient
+    deformation += np.eye(3)
+    jacobian = np.linalg.det(deformation)[:, None, None]
+    left = deformation @ deformation.transpose(0, 2, 1)  # B = F F^T
+    identity = np.broadcast_to(np.eye(3), left.shape)
+    first = np.trace(left, axis1=1, axis2=2)[:, None, None]
+    match law:
+        case NeoHookean():
+            lame_lambda, mu = law.lame
+            stress = mu * (left - identity) / jacobian
+            volumetric = 0.0 if pressure is not None else lame_lambda * np.log(jacobian) / jacobian
+        case MooneyRivlin():
+            second = (first**2 - np.trace(left @ left, axis1=1, axis2=2)[:, None, None]) / 2
+            stress = 2 * law.c10 * jacobian ** (-5 / 3) * (left - first / 3 * identity)
+            stress += 2 * law.c01 * jacobian ** (-7 / 3) * (first * left - left @ left - 2 / 3 * second * identity)
+            volumetric = 0.0 if pressure is not None else (law.bulk_modulus or 0.0) * (jacobian - 1)
+        case StVenantKirchhoff():
+            lame_lambda, mu = law.lame
+            strain = (deformation.transpose(0, 2, 1) @ deformation - identity) / 2
+            trace = np.trace(strain, axis1=1, axis2=2)[:, None, None]
+            second_piola = lame_lambda * trace * identity + 2 * mu * strain
+            return np.asarray(deformation @ second_piola @ deformation.transpose(0, 2, 1) / jacobian)
+        case _:
+            raise TypeError(f"no stress of {type(law).__name__}")
+    if pressure is not None:
+        volumetric = -pressure[:, None, None]
+    return np.asarray(stress + volumetric * identity)
+
+
+def von_mises(stress: Floats) -> Floats:
+    """Return the effective stress (n,) in Pa: the root of 3/2 s:s, s the deviator of a stress (n, 3, 3)."""
+    deviator = stress - np.trace(stress, axis1=1, axis2=2)[:, None, None] / 3 * np.eye(3)
+    return np.asarray(np.sqrt(1.5 * np.einsum("nij,nij->n", deviator, deviator)))
+
+
+def effective_stress(scene: Scene, mesh: RawMesh, state: RawState) -> dict[str, Floats]:
+    """Return the effective stress of each solid at the P2 nodes, (n2,) Pa, NaN outside of it.
+
+    At a node it is the mean over the solid's triangles around it, weighted by their areas.
+
+    Args:
+        scene: the scene with its materials.
+        mesh: the reference mesh.
+        state: the unknowns.
+    """
+    found = {}
+    mixed = iter(range(len(state.ps)))
+    for region, (name, law) in enumerate(scene.solid.items(), start=2):
+        triangles = np.flatnonzero(mesh.region == region)
+        corners = mesh.vertices[mesh.triangles[triangles]]
+        gradient, area = _node_gradients(corners)
+        nodes = mesh.p2[triangles]
+        deformation = np.einsum("tai,tmaj->tmij", state.u[nodes], gradient)
+        pressure = None
+        if law.mixed:
+            pressure = (state.ps[next(mixed)][mesh.triangles[triangles]] @ _NODES.T).ravel()
+        stress = von_mises(cauchy_stress(law, deformation.reshape(-1, 2, 2), pressure))
+        weight = np.repeat(area, 6)
+        total = np.bincount(nodes.ravel(), weights=weight, minlength=mesh.n_p2)
+        summed = np.bincount(nodes.ravel(), weights=weight * stress, minlength=mesh.n_p2)
+        with np.errstate(invalid="ignore"):
+            found[name] = summed / np.where(total > 0, total, np.nan)
+    return found
+
+
+def _node_gradients(corners: Floats) -> tuple[Floats, Floats]:
+    """Return the derivatives (t, 6 nodes, 6 functions, 2) of quadratic shape functions at the nodes, and the areas."""
+    a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    twice = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+    slope = np.empty((len(corners), 3, 2))
+    slope[:, 1] = np.column_stack([b[:, 1], -b[:, 0]]) / twice[:, None]
+    slope[:, 2] = np.column_stack([-a[:, 1], a[:, 0]]) / twice[:, None]
+    slope[:, 0] = -slope[:, 1] - slope[:, 2]
+    by_barycentric = np.zeros((6, 6, 3))  # node, function, barycentric coordinate
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        by_barycentric[:, i, i] = 4 * _NODES[:, i] - 1
+        by_barycentric[:, 3 + i, j] = 4 * _NODES[:, k]
+        by_barycentric[:, 3 + i, k] = 4 * _NODES[:, j]
+    return np.einsum("mal,tlj->tmaj", by_barycentric, slope), np.abs(twice) / 2

@@ -1,0 +1,170 @@
+"""Wall shear stress: the traction of the fluid along its walls, at the middles of their edges, on the deformed mesh."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ffsi.fields import FLUID
+from ffsi.hemodynamics.viscosity import apparent_viscosity
+from ffsi.rawfiles import RawMesh, RawState
+from ffsi.scene import Scene, boundaries
+from ffsi.scene.fluids import IncompressibleFluid
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class WallPoints:
+    """The middles of the edges at which the fluid meets a wall, in the order of the walls, the fluid to the left.
+
+    The gradient of a quadratic function is linear in its triangle: its value there is its mean over the edge.
+
+    Attributes:
+        label: (n,) label of the edge.
+        chain: (n,) number of the connected line of edges, from 0.
+        ends: (n, 2) P2 nodes of the edge's start and end.
+        middle: (n,) P2 node in the edge's middle, the point itself.
+        nodes: (n, 6) P2 nodes of the fluid's triangle, as in `RawMesh.p2`.
+        gradient: (n, 6, 2) derivatives of its shape functions in the reference mesh, 1/m.
+        normal: (n, 2) unit normal of the reference edge, out of the fluid.
+        position: (n, 2) reference coordinates, m.
+        length: (n,) length of the reference edge, m.
+        arc: (n,) distance along the chain from its start, in the reference mesh, m.
+    """
+
+    label: Ints
+    chain: Ints
+    ends: Ints
+    middle: Ints
+    nodes: Ints
+    gradient: Floats
+    normal: Floats
+    position: Floats
+    length: Floats
+    arc: Floats
+
+
+def wall_labels(scene: Scene) -> list[int]:
+    """Return the labels of the boundaries at which the fluid meets a wall, elastic or rigid."""
+    return [boundary.label for boundary in boundaries(scene) if boundary.role in ("no-slip", "interface")]
+
+
+def wall_points(mesh: RawMesh, labels: Collection[int]) -> WallPoints:
+    """Return the points of the walls with some labels.
+
+    Args:
+        mesh: the reference mesh.
+        labels: of the wet boundaries.
+    """
+    fluid = np.flatnonzero(mesh.region == FLUID)
+    sides = mesh.sides[fluid].ravel()
+    order = np.argsort(sides)
+    wanted = np.flatnonzero(np.isin(mesh.label, list(labels)))
+    keys = mesh.edge_keys[wanted]
+    place = order[np.minimum(np.searchsorted(sides, keys, sorter=order), len(order) - 1)]
+    wet = sides[place] == keys
+    wanted, place = wanted[wet], place[wet]
+    triangle, side = fluid[place // 3], place % 3
+    corners = mesh.vertices[mesh.triangles[triangle]]  # (n, 3, 2)
+    start = mesh.triangles[triangle, (side + 1) % 3]
+    end = mesh.triangles[triangle, (side + 2) % 3]
+    # In a triangle that is numbered clockwise, the other way round.
+    edge = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    swap = edge[0][:, 0] * edge[1][:, 1] - edge[0][:, 1] * edge[1][:, 0] < 0
+    start, end = np.where(swap, end, start), np.where(swap, start, end)
+    sequence, chain = _chains(start, end)
+    start, end, triangle, side, label = (
+        values[sequence] for values in (start, end, triangle, side, mesh.label[wanted])
+    )
+    tangent = mesh.vertices[end] - mesh.vertices[start]
+    length = np.hypot(*tangent.T)
+    arc = np.cumsum(length) - length / 2
+    first = np.concatenate([[True], np.diff(chain) > 0])
+    arc -= (arc - length / 2)[first][chain]
+    return WallPoints(
+        label=label.astype(np.int64),
+        chain=chain,
+        ends=np.column_stack([mesh.vertex_nodes[start], mesh.vertex_nodes[end]]),
+        middle=mesh.p2[triangle, 3 + side].astype(np.int64),
+        nodes=mesh.p2[triangle].astype(np.int64),
+        gradient=_gradients(mesh.vertices[mesh.triangles[triangle]], side),
+        normal=np.column_stack([tangent[:, 1], -tangent[:, 0]]) / length[:, None],
+        position=(mesh.vertices[start] + mesh.vertices[end]) / 2,
+        length=length,
+        arc=arc,
+    )
+
+
+def _chains(start: Ints, end: Ints) -> tuple[Ints, Ints]:
+    """Return the order in which edges follow each other, and the number of the connected line of each."""
+    following = dict(zip(start.tolist(), range(len(start)), strict=True))
+    ends = set(end.tolist())
+    heads = [edge for edge in range(len(start)) if start[edge] not in ends]
+    sequence: list[int] = []
+    chain: list[int] = []
+    rest = set(range(len(start)))
+    number = 0
+    while rest:
+        edge: int | None = heads.pop(0) if heads else min(rest)
+        while edge is not None and edge in rest:
+            rest.remove(edge)
+            sequence.append(edge)
+            chain.append(number)
+            edge = following.get(int(end[edge]))
+        number += 1
+    return np.array(sequence, dtype=np.int64), np.array(chain, dtype=np.int64)
+
+
+def _gradients(corners: Floats, side: Ints) -> Floats:
+    """Return the derivatives (n, 6, 2) of quadratic shape functions at the middle of the side opposite to a vertex."""
+    a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    area = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+    slope = np.empty((len(corners), 3, 2))  # of the barycentric coordinates
+    slope[:, 1] = np.column_stack([b[:, 1], -b[:, 0]]) / area[:, None]
+    slope[:, 2] = np.column_stack([-a[:, 1], a[:, 0]]) / area[:, None]
+    slope[:, 0] = -slope[:, 1] - slope[:, 2]
+    at = np.where(np.arange(3) == side[:, None], 0.0, 0.5)
+    gradient = np.empty((len(corners), 6, 2))
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        gradient[:, i] = (4 * at[:, i] - 1)[:, None] * slope[:, i]
+        gradient[:, 3 + i] = 4 * (at[:, j, None] * slope[:, k] + at[:, k, None] * slope[:, j])
+    return gradient
+
+
+def wall_shear_stress(points: WallPoints, state: RawState, fluid: IncompressibleFluid) -> Floats:
+    """Return the shear stress of the fluid on its walls, (n, 2) Pa, a vector along the deformed wall.
+
+    tau = t - (t.n) n with t = mu (grad v + grad v^T) n, spatial gradients, n the unit normal of the deformed wall into
+    the fluid: the force that the flow exerts on the wall.
+
+    Args:
+        points: of the walls.
+        state: the unknowns.
+        fluid: its viscosity law; mu belongs to the shear rate at the wall.
+    """
+    deformation = np.einsum("nai,naj->nij", state.u[points.nodes], points.gradient) + np.eye(2)
+    jacobian = deformation[:, 0, 0] * deformation[:, 1, 1] - deformation[:, 0, 1] * deformation[:, 1, 0]
+    adjugate = np.empty_like(deformation)
+    adjugate[:, 0, 0], adjugate[:, 1, 1] = deformation[:, 1, 1], deformation[:, 0, 0]
+    adjugate[:, 0, 1], adjugate[:, 1, 0] = -deformation[:, 0, 1], -deformation[:, 1, 0]
+    velocity = np.einsum("nai,naj->nij", state.v[points.nodes], points.gradient)
+    spatial = velocity @ adjugate / jacobian[:, None, None]
+    twice_rate = spatial + spatial.transpose(0, 2, 1)
+    shear_rate = np.sqrt(0.5 * np.einsum("nij,nij->n", twice_rate, twice_rate))
+    normal = -np.einsum("nji,nj->ni", adjugate, points.normal)  # -cof F N, into the fluid
+    normal /= np.hypot(*normal.T)[:, None]
+    traction = apparent_viscosity(fluid, shear_rate)[:, None] * np.einsum("nij,nj->ni", twice_rate, normal)
+    return np.asarray(traction - np.einsum("ni,ni->n", traction, normal)[:, None] * normal)
+
+
+def deformed_length(points: WallPoints, state: RawState) -> Floats:
+    """Return the lengths (n,) of the deformed edges, m: the size of cof F N at the edge's middle times its length."""
+    deformation = np.einsum("nai,naj->nij", state.u[points.nodes], points.gradient) + np.eye(2)
+    tangent = np.column_stack([-points.normal[:, 1], points.normal[:, 0]])
+    return np.asarray(np.hypot(*np.einsum("nij,nj->ni", deformation, tangent).T) * points.length)

@@ -1,0 +1,217 @@
+"""Wall shear stress on given fields, viscosity, effective stress, parts of the walls."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from run_folders import structured_mesh
+
+from ffsi.hemodynamics.flow import flow_rate
+from ffsi.hemodynamics.parts import over_parts, part_of
+from ffsi.hemodynamics.stress import cauchy_stress, effective_stress, von_mises
+from ffsi.hemodynamics.viscosity import apparent_viscosity
+from ffsi.hemodynamics.walls import deformed_length, wall_points, wall_shear_stress
+from ffsi.rawfiles import RawMesh, RawState
+from ffsi.scene import CASES, Aneurysm
+from ffsi.scene.fluids import Carreau, Casson, Newtonian, PowerLaw
+from ffsi.scene.materials import MooneyRivlin, NeoHookean, StVenantKirchhoff
+
+NEWTONIAN = Newtonian(density=1000.0, viscosity=0.02)
+
+
+def channel(nx: int = 6, ny: int = 3) -> RawMesh:
+    """Rectangle [0, 2] x [0, 0.5] of fluid, with labels: 3 below, 4 above, 1 and 2 its ends."""
+    mesh = structured_mesh(nx, ny, 2.0, 0.5)
+    top = ny * (nx + 1)
+    edges = [(i, i + 1) for i in range(nx)] + [(top + i, top + i + 1) for i in range(nx)]
+    edges += [(j * (nx + 1) + x, (j + 1) * (nx + 1) + x) for x in (0, nx) for j in range(ny)]
+    label = np.repeat([3, 4, 1, 2], [nx, nx, ny, ny])
+    # Edges in no particular order.
+    order = np.random.default_rng(1).permutation(len(edges))
+    return replace(mesh, region=np.ones_like(mesh.region), edges=np.array(edges)[order], label=label[order])
+
+
+def state(mesh: RawMesh, velocity: np.ndarray, displacement: np.ndarray | None = None) -> RawState:
+    u = np.zeros((mesh.n_p2, 2)) if displacement is None else displacement
+    return RawState(u, velocity, np.zeros(len(mesh.vertices)))
+
+
+def poiseuille(y: np.ndarray) -> np.ndarray:
+    return np.column_stack([3.0 * y * (0.5 - y), np.zeros_like(y)])
+
+
+def test_points_follow_the_wall_with_the_fluid_to_the_left() -> None:
+    points = wall_points(channel(), [3, 4])
+    assert points.chain.tolist() == [0] * 6 + [1] * 6 or points.chain.tolist() == [1] * 6 + [0] * 6
+    below, above = points.label == 3, points.label == 4
+    assert points.position[below] == pytest.approx(np.column_stack([(np.arange(6) + 0.5) / 3, np.zeros(6)]))
+    assert points.position[above] == pytest.approx(np.column_stack([(5.5 - np.arange(6)) / 3, np.full(6, 0.5)]))
+    assert points.arc[below] == pytest.approx((np.arange(6) + 0.5) / 3)
+    assert points.normal[below] == pytest.approx(np.tile([0.0, -1.0], (6, 1)))
+    assert points.normal[above] == pytest.approx(np.tile([0.0, 1.0], (6, 1)))
+
+
+def test_one_chain_goes_around_a_corner() -> None:
+    mesh = channel()
+    points = wall_points(mesh, [1, 2, 3, 4])
+    assert set(points.chain) == {0}
+    assert points.arc[-1] + points.length[-1] / 2 == pytest.approx(5.0)
+    coordinates = mesh.p2_coordinates
+    assert coordinates[points.ends[1:, 0]] == pytest.approx(coordinates[points.ends[:-1, 1]])
+    assert coordinates[points.middle] == pytest.approx(points.position)
+
+
+def test_poiseuille_flow_pulls_its_walls_along() -> None:
+    mesh = channel()
+    points = wall_points(mesh, [3, 4])
+    tau = wall_shear_stress(points, state(mesh, poiseuille(mesh.p2_coordinates[:, 1])), NEWTONIAN)
+    assert tau == pytest.approx(np.tile([0.02 * 1.5, 0.0], (12, 1)), abs=1e-15)
+
+
+def test_on_a_deformed_mesh_the_gradients_are_spatial() -> None:
+    """The channel turned, sheared and stretched: the flow is given in the coordinates where it is."""
+    mesh = channel()
+    linear = np.array([[1.2, 0.4], [-0.3, 0.9]])  # x = linear X
+    at = mesh.p2_coordinates @ linear.T
+    along = linear[:, 0] / np.hypot(*linear[:, 0])  # direction of the walls
+    across = np.array([-along[1], along[0]])
+    distance = at @ across  # from the lower wall
+    height = np.linalg.det(linear) / np.hypot(*linear[:, 0]) * 0.5
+    velocity = (distance * (height - distance))[:, None] * along
+    points = wall_points(mesh, [3, 4])
+    deformed = state(mesh, velocity, at - mesh.p2_coordinates)
+    assert wall_shear_stress(points, deformed, NEWTONIAN) == pytest.approx(np.tile(0.02 * height * along, (12, 1)))
+    assert deformed_length(points, deformed) == pytest.approx(points.length * np.hypot(*linear[:, 0]))
+
+
+def test_pressure_and_stretching_along_the_normal_do_no_shear() -> None:
+    mesh = channel()
+    at = mesh.p2_coordinates
+    points = wall_points(mesh, [3])
+    tau = wall_shear_stress(points, state(mesh, np.column_stack([at[:, 0], -at[:, 1]])), NEWTONIAN)
+    assert tau == pytest.approx(np.zeros((6, 2)), abs=1e-15)
+
+
+def test_carreau_stress_takes_the_viscosity_at_the_wall() -> None:
+    mesh = channel()
+    points = wall_points(mesh, [3])
+    velocity = np.column_stack([100.0 * mesh.p2_coordinates[:, 1], np.zeros(mesh.n_p2)])
+    tau = wall_shear_stress(points, state(mesh, velocity), Carreau(density=1035.0))
+    assert tau[:, 0] == pytest.approx(100 * 0.004708, rel=1e-3)
+
+
+@pytest.mark.parametrize(("rate", "viscosity"), [(1.0, 0.027098), (100.0, 0.004708), (1000.0, 0.003736)])
+def test_carreau_viscosity_of_blood(rate: float, viscosity: float) -> None:
+    assert apparent_viscosity(Carreau(density=1035.0), np.array([rate])) == pytest.approx(viscosity, rel=1e-4)
+
+
+def test_other_laws() -> None:
+    rate = np.array([0.0, 3.0])
+    assert apparent_viscosity(NEWTONIAN, rate).tolist() == [0.02, 0.02]
+    power = PowerLaw(density=1.0, consistency=0.5, exponent=0.5, regularisation=4.0)
+    assert apparent_viscosity(power, rate) == pytest.approx([0.5 * 4**-0.5, 0.5 * 5**-0.5])
+    casson = Casson(density=1.0, yield_stress=0.04, viscosity_infinity=0.01, regularisation=4.0)
+    assert apparent_viscosity(casson, rate) == pytest.approx([(0.1 + 0.2 / 2) ** 2, (0.1 + 0.2 / 5**0.5) ** 2])
+
+
+def test_flow_rate_is_exact_for_quadratic_velocities() -> None:
+    mesh = channel()
+    flow = state(mesh, poiseuille(mesh.p2_coordinates[:, 1]))
+    assert flow_rate(mesh, flow, 2) == pytest.approx(3 * 0.5**3 / 6, rel=1e-14)
+    assert flow_rate(mesh, flow, 1) == pytest.approx(-3 * 0.5**3 / 6, rel=1e-14)
+
+
+# Effective stress ---------------------------------------------------------------------------------------------------
+
+LAWS = (
+    NeoHookean(material="neo-hookean", density=1.0, young_modulus=10.0, poisson_ratio=0.3),
+    StVenantKirchhoff(material="st-venant-kirchhoff", density=1.0, young_modulus=10.0, poisson_ratio=0.3),
+    # The same moduli at rest: mu = 2 (C10 + C01), K = lambda + 2/3 mu.
+    MooneyRivlin(material="mooney-rivlin", density=1.0, c10=1.0, c01=10 / 5.2 - 1, bulk_modulus=10 / 1.2),
+)
+
+
+@pytest.mark.parametrize("law", LAWS, ids=lambda law: law.material)
+def test_small_strains_are_linear_elasticity_in_plane_strain(law: object) -> None:
+    gradient = 1e-7 * np.array([[[0.3, 0.5], [0.1, -0.8]]])
+    strain = np.zeros((3, 3))
+    strain[:2, :2] = (gradient[0] + gradient[0].T) / 2
+    mu, lame_lambda = 10 / 2.6, 10 * 0.3 / (1.3 * 0.4)
+    expected = 2 * mu * strain + lame_lambda * np.trace(strain) * np.eye(3)
+    assert cauchy_stress(law, gradient)[0] == pytest.approx(expected, rel=1e-5, abs=1e-13)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("law", [LAWS[0], LAWS[2]], ids=lambda law: law.material)
+def test_cauchy_stress_is_the_derivative_of_the_energy(law: object) -> None:
+    """sigma = dW/dF F^T / J by differences of W, in three dimensions with F33 = 1."""
+
+    def energy(f: np.ndarray) -> float:
+        jacobian, right = np.linalg.det(f), f.T @ f
+        first = np.trace(right)
+        second = (first**2 - np.trace(right @ right)) / 2
+        if isinstance(law, NeoHookean):
+            lame_lambda, mu = law.lame
+            return float(mu / 2 * (first - 3 - 2 * np.log(jacobian)) + lame_lambda / 2 * np.log(jacobian) ** 2)
+        assert isinstance(law, MooneyRivlin) and law.bulk_modulus
+        shape = law.c10 * (jacobian ** (-2 / 3) * first - 3) + law.c01 * (jacobian ** (-4 / 3) * second - 3)
+        return float(shape + law.bulk_modulus / 2 * (jacobian - 1) ** 2)
+
+    gradient = np.array([[0.3, 0.5], [-0.2, 0.1]])
+    f = np.eye(3)
+    f[:2, :2] += gradient
+    piola = np.zeros((3, 3))
+    for i in range(3):
+        for j in range(3):
+            step = np.zeros((3, 3))
+            step[i, j] = 1e-6
+            piola[i, j] = (energy(f + step) - energy(f - step)) / 2e-6
+    expected = piola @ f.T / np.linalg.det(f)
+    assert cauchy_stress(law, gradient[None])[0] == pytest.approx(expected, rel=1e-7, abs=1e-7)  # type: ignore[arg-type]
+
+
+def test_of_an_incompressible_solid_the_pressure_is_its_own() -> None:
+    law = NeoHookean(material="neo-hookean", density=1.0, young_modulus=6.0, formulation="incompressible")
+    gradient = np.array([[[0.0, 0.5], [0.0, 0.0]]])  # simple shear
+    stress = cauchy_stress(law, gradient, np.array([7.0]))[0]
+    assert stress == pytest.approx(np.array([[0.5 - 7, 1.0, 0], [1.0, -7, 0], [0, 0, -7]]))
+    assert von_mises(stress[None]) == pytest.approx(np.sqrt(0.5**2 + 3 * 1.0**2))
+
+
+def test_effective_stress_of_a_stretched_wall() -> None:
+    mesh = structured_mesh()  # with one solid, region 2
+    scene = CASES["flap-neo-hookean"]
+    law = scene.solid["flap"]
+    at = mesh.p2_coordinates
+    stretched = state(mesh, np.zeros_like(at), np.column_stack([0.1 * at[:, 0], 0 * at[:, 1]]))
+    found = effective_stress(scene, mesh, stretched)["flap"]
+    inside = np.unique(mesh.p2[mesh.region == 2])
+    expected = von_mises(cauchy_stress(law, np.array([[[0.1, 0], [0, 0]]])))[0]
+    assert found[inside] == pytest.approx(expected)
+    assert np.isnan(np.delete(found, inside)).all()
+
+
+# Parts of the walls -------------------------------------------------------------------------------------------------
+
+
+def test_parts() -> None:
+    geometry = Aneurysm()
+    start = np.array(geometry.neck[0])
+    place = np.array([[-0.006, 0.0], start + 3e-4, start + 5e-4, [-7.7e-3, 6.5e-3], start])
+    label = np.array([13, 14, 14, 15, 20])
+    assert part_of(geometry, label, place).tolist() == ["vessel", "neck", "vessel", "dome", "stent"]
+
+
+def test_over_parts_weighs_by_length_and_cuts_edges() -> None:
+    """The lower wall as an outer wall of an aneurysm that ends in the neck: means of a linear function are exact."""
+    geometry = Aneurysm()
+    mesh = channel(nx=7)
+    scaled = replace(mesh, vertices=1e-3 * mesh.vertices + np.array(geometry.neck[0]), label=mesh.label + 11)
+    points = wall_points(scaled, [14])
+    end = geometry.neck_length / 4  # of the neck's zone, within an edge
+    found = over_parts(geometry, points, points.arc, points.length)
+    assert set(found) == {"neck", "vessel"}
+    first = points.arc[0]  # before the outermost point the curve is constant
+    assert found["neck"]["mean"] == pytest.approx((first**2 + (end**2 - first**2) / 2) / end, rel=0.01)
+    assert found["vessel"]["mean"] == pytest.approx((end + 2e-3) / 2, rel=0.01)
+    assert found["vessel"]["max"] == points.arc[-1]
+    assert found["neck"]["min"] == points.arc[0]
