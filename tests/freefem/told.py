@@ -105,7 +105,8 @@ def told(scene: Scene, *, hold: bool = False) -> str:
     text = replaced(text, f"{LINE} main\n", f"{sources}{LINE} main\n")
     text = replaced(text, "  Conditions();\n", "  Conditions(); ReadNodes();\n" + (HOLD if hold else ""))
     text = replaced(text, "oldX = X; pastX = X;", "ReadLevel(0); X = exact; oldX = X; pastX = X;")
-    return replaced(text, "  SetOldState();\n", "  SetOldState(); ReadLevel(stepNumber+1); AddSources();\n")
+    step = "  PredictStep();\n  real tolerance"
+    return replaced(text, step, f"  ReadLevel(stepNumber+1); AddSources();\n{step}")
 
 
 # Meshes ---------------------------------------------------------------------------------------------------------------
