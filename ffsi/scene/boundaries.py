@@ -11,8 +11,9 @@ if TYPE_CHECKING:
 Role = Literal["inlet", "outlet", "no-slip", "interface", "clamped", "free", "loaded", "supported"]
 
 INLET, OUTLET, WALLS, CYLINDER, SURFACE, CLAMPED, OUTER, LEFT_LIP, RIGHT_LIP, ROOF, ROOF_ENDS, LOADED = range(1, 13)
-INNER_WALL, OUTER_WALL, DOME_WALL = range(13, 16)
+INNER_WALL, OUTER_WALL, DOME_WALL, SUPPORTED = range(13, 17)
 STRUTS = 20  # the first strut of a stent, the others follow
+PARTS = 40  # the first body part in a mesh of the user's own, the others follow
 
 
 @dataclass(frozen=True)

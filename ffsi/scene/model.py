@@ -175,6 +175,8 @@ class Scene(Table):
         if self.support is not None and not outer:
             text = f'not accepted: no wall with an outer side in the geometry "{self.geometry.kind}" of this scene'
             yield Problem("support", text)
+        if self.support is None and isinstance(self.geometry, MeshGeometry) and self.geometry.boundaries.supported:
+            yield Problem("support", f"missing; {type(self).model_fields['support'].description}")
 
     def _mesh_problems(self) -> Iterator[Problem]:
         if self.geometry.sizes is None:

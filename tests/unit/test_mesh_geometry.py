@@ -207,6 +207,20 @@ def test_wall_alone_under_a_load(tmp_path) -> None:
     assert [(b.label, b.role) for b in boundaries(scene)] == [(6, "clamped"), (7, "free"), (12, "loaded")]
 
 
+def test_a_support_holds_the_wall(tmp_path) -> None:
+    vessel().write(tmp_path / "vessel.msh")
+    outline = {**scene_table()["geometry"]["boundaries"], "supported": "outside"}
+    del outline["clamped"]
+    table = scene_table(boundaries=outline) | {"support": {"stiffness": "1 MPa/m"}}
+    (tmp_path / "scene.toml").write_text(tomli_w.dumps(table))
+    scene = load_scene(tmp_path / "scene.toml")
+    assert [(b.label, b.role) for b in boundaries(scene) if b.label in (7, 16)] == [(7, "free"), (16, "supported")]
+    run = tmp_path / "run"
+    run.mkdir()
+    (run / "scene.toml").write_text(stored(scene, run).to_toml())
+    assert load_scene(run / "scene.toml") == scene
+
+
 def test_levels(scene, tmp_path) -> None:
     assert load_scene(tmp_path / "scene.toml", ["mesh.level=2"]).mesh.level == 2
     assert "mesh_size_factor" not in parameter_flags(scene)

@@ -264,12 +264,21 @@ def test_several_arrays_of_numbers(tmp_path, capsys) -> None:
         ("mesh", {"root_size": 0.1}, "mesh.root_size = 0.1 m: only accepted with"),
         ("solid", None, 'solid.wall: missing; the region "wall" of the mesh needs a material'),
         ("fluid", None, 'fluid: missing; the mesh has a region "fluid"'),
+        ("support", {"stiffness": 1}, "support: not accepted: no wall with an outer side"),
         ("traction", {"x": 1}, 'traction: not accepted: the geometry "mesh" has no loaded boundary'),
     ],
 )
 def test_tables_that_do_not_fit(key, value, message, tmp_path, capsys) -> None:
     vessel().write(tmp_path / "vessel.msh")
     assert message in refused(capsys, tmp_path, drop(scene_table() | {key: value}))
+
+
+def test_supported_by_nothing(tmp_path, capsys) -> None:
+    vessel().write(tmp_path / "vessel.msh")
+    held = boundaries(clamped=None, supported="outside")
+    assert "support: missing; elastic support of the outer sides" in refused(
+        capsys, tmp_path, drop(scene_table(**held))
+    )
 
 
 def test_a_fluid_without_a_region(tmp_path, capsys) -> None:

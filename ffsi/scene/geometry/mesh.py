@@ -12,7 +12,7 @@ from pydantic import Field, GetCoreSchemaHandler, PrivateAttr, ValidationInfo, f
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from ffsi.scene.base import Table, refuse
-from ffsi.scene.boundaries import Boundary
+from ffsi.scene.boundaries import SUPPORTED, Boundary
 from ffsi.scene.errors import Problem, join, names, number_text, short
 from ffsi.scene.geometry.base import ChannelGeometry, ElementSizes, Inlet, Physics
 from ffsi.scene.meshes import FILE, DomainMesh, MeshError, Naming, domain_mesh, stored_naming, write_medit
@@ -61,6 +61,7 @@ class MeshBoundaries(Table):
     walls: GroupNames | None = Field(None, description="rigid walls of the fluid (no slip)")
     clamped: GroupNames | None = Field(None, description="boundaries of the solids that are held")
     free: GroupNames | None = Field(None, description="free boundaries of the solids; those without a name are free")
+    supported: GroupNames | None = Field(None, description="outer sides of walls with the table support")
     loaded: GroupNames | None = Field(None, description="boundaries of the solids with the table traction")
 
 
@@ -243,7 +244,7 @@ class MeshGeometry(ChannelGeometry):
 
     def steady_problems(self) -> list[Problem]:
         """Return the solids that nothing holds."""
-        text = "nothing holds {}; accepted in a steady scene: a clamped boundary on each solid or on one it adjoins"
+        text = "nothing holds {}; accepted in a steady scene: a clamped or supported boundary on each solid or on one it adjoins"
         loose = self._mesh.loose
         return [Problem("geometry.boundaries.clamped", text.format(f"the solid {names(loose)}"))] if loose else []
 
@@ -254,7 +255,8 @@ class MeshGeometry(ChannelGeometry):
     def outline(self, physics: Physics) -> list[Boundary]:
         """Return the boundaries of the mesh."""
         return [
-            Boundary(edges.name, edges.label, edges.role, edges.length, edges.part) for edges in self._mesh.boundaries
+            Boundary(edges.name, edges.label, edges.role, edges.length, edges.part, outer=edges.label == SUPPORTED)
+            for edges in self._mesh.boundaries
         ]
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from ffsi.scene.boundaries import CLAMPED, INLET, Role
+from ffsi.scene.boundaries import CLAMPED, INLET, SUPPORTED
 from ffsi.scene.errors import Problem, names, short
 from ffsi.scene.meshes.curves import Curves, Edges, meaning
 from ffsi.scene.meshes.errors import MeshError, count, fault
@@ -23,6 +23,8 @@ from ffsi.scene.meshes.topology import Topology, counter_clockwise, refuse_gaps,
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
+HELD = (CLAMPED, SUPPORTED)
+"""Labels of boundaries that hold a solid."""
 STRAIGHT = 1e-6
 """How far the nodes of an inlet may be from a straight line, in lengths of the inlet."""
 DIGITS = 13
@@ -43,7 +45,7 @@ class DomainMesh:
         areas: of each region by the scene's name, in the order of their numbers.
         boundaries: the labelled boundaries, by label.
         inlet: start (x, y), inward unit vector and length of the inlet; None without a fluid.
-        loose: solids, by the scene's names, that nothing holds: no clamped edge on them or on a solid they adjoin.
+        loose: solids, by the scene's names, that nothing holds: no clamped or supported edge on them or on a solid they adjoin.
     """
 
     vertices: Floats
@@ -61,11 +63,6 @@ class DomainMesh:
         """A text that is equal for equal meshes only."""
         arrays = (self.vertices, self.triangles, self.region, self.edges, self.label)
         return hashlib.sha256(b"".join(np.ascontiguousarray(array).tobytes() for array in arrays)).hexdigest()
-
-    def nodes_with(self, *roles: Role) -> Floats:
-        """Return the vertices (k, 2) of all edges with one of the roles."""
-        labels = [edges.label for edges in self.boundaries if edges.role in roles]
-        return self.vertices[np.unique(self.edges[np.isin(self.label, labels)])]
 
     def in_solid(self, point: tuple[float, float]) -> bool:
         """Tell whether a point (m) lies in a solid, its boundary included."""
@@ -88,7 +85,7 @@ class DomainMesh:
     def far_point(self) -> tuple[float, float]:
         """Vertex of the solids (m) that is farthest from all held (clamped or supported) ones, else from the centre."""
         solid = self.vertices[np.unique(self.triangles[self.region != FLUID])]
-        held = self.nodes_with("clamped")
+        held = self.vertices[np.unique(self.edges[np.isin(self.label, HELD)])]
         if not len(held):
             held = solid.mean(axis=0, keepdims=True)
         distance = np.asarray(KDTree(held).query(solid)[0])
@@ -155,7 +152,7 @@ def _domain_mesh(path: Path, unit: str, metres: float, naming: Naming) -> Domain
             for value in np.unique(label[chosen]).tolist()
         ),
         inlet=_inlet(vertices, edges[label[chosen] == INLET], unit, metres) if "fluid" in naming.numbers else None,
-        loose=_loose(topology, region, edges[label[chosen] == CLAMPED], naming),
+        loose=_loose(topology, region, edges[np.isin(label[chosen], HELD)], naming),
     )
 
 
@@ -197,12 +194,12 @@ def _regions(file: MeshFile, naming: Naming) -> tuple[Ints, list[str]]:
     return region, titles
 
 
-def _loose(topology: Topology, region: Ints, clamped: Ints, naming: Naming) -> tuple[str, ...]:
+def _loose(topology: Topology, region: Ints, held_edges: Ints, naming: Naming) -> tuple[str, ...]:
     solid = region != FLUID
     if not solid.any():
         return ()
     piece = topology.components(solid)
-    held = np.isin(topology.triangles[solid], clamped).any(axis=1)
+    held = np.isin(topology.triangles[solid], held_edges).any(axis=1)
     free = ~np.isin(piece, piece[held])
     numbers = np.unique(region[solid][free]).tolist()
     return tuple(name for name, number in naming.numbers.items() if number in numbers)
@@ -262,7 +259,10 @@ def write_medit(mesh: DomainMesh, path: Path) -> None:
 
 def stored_naming(mesh: DomainMesh, naming: Naming) -> Naming:
     """Return the names of a mesh that `write_medit` has written: its numbers."""
-    labels = {key: tuple(str(e.label) for e in mesh.boundaries if e.role == role.role) for key, role in ROLES.items()}
+    labels = {
+        key: tuple(str(e.label) for e in mesh.boundaries if e.label == meant.label or (e.part and e.role == meant.role))
+        for key, meant in ROLES.items()
+    }
     return Naming(
         tuple((name, (str(number),)) for name, number in naming.numbers.items()),
         tuple((key, found) for key, found in labels.items() if found),

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ffsi.scene.boundaries import OUTER, SURFACE, WALLS, Role
+from ffsi.scene.boundaries import OUTER, PARTS, SURFACE, WALLS, Role
 from ffsi.scene.errors import Problem, names, short
 from ffsi.scene.meshes.errors import MeshError, count, fault, place
 from ffsi.scene.meshes.naming import FLUID, ROLES, Naming, chosen_groups
@@ -16,9 +16,6 @@ from ffsi.scene.meshes.reading import Group
 from ffsi.scene.meshes.topology import Topology
 
 Ints = NDArray[np.int64]
-
-FIRST_PART = 40
-"""Label of the first body part; the others follow."""
 
 
 @dataclass(frozen=True)
@@ -140,7 +137,7 @@ class Curves:
     def _label_parts(self, parts: Sequence[tuple[str, Ints]], label: Ints) -> dict[int, tuple[str, Role]]:
         roles: dict[int, Role] = {SURFACE: "interface", WALLS: "no-slip"}
         found: dict[int, tuple[str, Role]] = {}
-        for number, (part, edges) in enumerate(parts, start=FIRST_PART):
+        for number, (part, edges) in enumerate(parts, start=PARTS):
             kinds = np.unique(label[edges]).tolist()
             if len(kinds) != 1 or kinds[0] not in roles:
                 text = "must be either one of the walls or an interface between fluid and solid"

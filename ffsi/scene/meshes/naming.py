@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ffsi.scene.boundaries import CLAMPED, INLET, LOADED, OUTER, OUTLET, WALLS, Role
+from ffsi.scene.boundaries import CLAMPED, INLET, LOADED, OUTER, OUTLET, SUPPORTED, WALLS, Role
 from ffsi.scene.errors import Problem, names, nearest, short
 from ffsi.scene.meshes.reading import Group
 
@@ -36,6 +36,7 @@ ROLES: dict[str, RoleOf] = {
     "clamped": RoleOf("clamped", CLAMPED, False),
     "free": RoleOf("free", OUTER, False),
     "loaded": RoleOf("loaded", LOADED, False),
+    "supported": RoleOf("free", SUPPORTED, False),
 }
 
 
