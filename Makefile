@@ -9,8 +9,10 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 STUDY := runs/flap-svk
 SYSTEM_PACKAGES := freefem++ libfreefem++ libfreefem++-dev libopenblas0-pthread
+# What the Python package gmsh loads, with which tests make meshes.
+TEST_PACKAGES := libglu1-mesa libgl1 libxrender1 libxcursor1 libxft2 libxinerama1 libxext6 libxfixes3 libx11-6 libfontconfig1 libgomp1
 
-.PHONY: help setup system run test verify bench paper figures lint edp
+.PHONY: help setup system test-system run test verify bench paper figures lint edp
 
 help:
 	@echo "make setup   install what is missing: FreeFEM (apt) and the Python environment in $(VENV)"
@@ -29,7 +31,7 @@ run: setup
 	@$(BIN)/ffsi sweep flap-svk --vary inflow.mean_velocity=0.012:0.12:0.012 --out $(STUDY)
 	@$(BIN)/ffsi report $(STUDY) -o $(STUDY)/report.html
 
-test: setup
+test: setup test-system
 	@$(BIN)/python -m pytest tests/unit tests/freefem
 
 verify: setup
@@ -82,6 +84,9 @@ endef
 
 system:
 	@command -v apt-get >/dev/null || exit 0; $(APT_INSTALL); apt_install $(SYSTEM_PACKAGES)
+
+test-system:
+	@command -v apt-get >/dev/null || exit 0; $(APT_INSTALL); apt_install $(TEST_PACKAGES)
 
 # A python3 (pyenv's too) that is 3.11 or newer and can make virtual environments; else Debian's with its venv package.
 define NEW_VENV

@@ -276,9 +276,8 @@ def test_tables_that_do_not_fit(key, value, message, tmp_path, capsys) -> None:
 def test_supported_by_nothing(tmp_path, capsys) -> None:
     vessel().write(tmp_path / "vessel.msh")
     held = boundaries(clamped=None, supported="outside")
-    assert "support: missing; elastic support of the outer sides" in refused(
-        capsys, tmp_path, drop(scene_table(**held))
-    )
+    error = refused(capsys, tmp_path, drop(scene_table(**held)))
+    assert "support: missing; elastic support of the outer sides" in error
 
 
 def test_a_fluid_without_a_region(tmp_path, capsys) -> None:

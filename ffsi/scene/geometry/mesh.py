@@ -244,9 +244,10 @@ class MeshGeometry(ChannelGeometry):
 
     def steady_problems(self) -> list[Problem]:
         """Return the solids that nothing holds."""
-        text = "nothing holds {}; accepted in a steady scene: a clamped or supported boundary on each solid or on one it adjoins"
-        loose = self._mesh.loose
-        return [Problem("geometry.boundaries.clamped", text.format(f"the solid {names(loose)}"))] if loose else []
+        if not (loose := self._mesh.loose):
+            return []
+        accepted = "accepted in a steady scene: clamped or supported boundaries on each solid or on one that it adjoins"
+        return [Problem("geometry.boundaries.clamped", f"nothing holds the solid {names(loose)}; {accepted}")]
 
     def exact_areas(self, physics: Physics) -> dict[str, float]:
         """Return the areas in m^2 of the regions."""

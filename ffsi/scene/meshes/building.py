@@ -45,7 +45,7 @@ class DomainMesh:
         areas: of each region by the scene's name, in the order of their numbers.
         boundaries: the labelled boundaries, by label.
         inlet: start (x, y), inward unit vector and length of the inlet; None without a fluid.
-        loose: solids, by the scene's names, that nothing holds: no clamped or supported edge on them or on a solid they adjoin.
+        loose: solids, by the scene's names, that nothing holds, neither themselves nor through another solid.
     """
 
     vertices: Floats
