@@ -1,5 +1,6 @@
 """A mesh of the user's own: formats, regions and labels, what the run folder gets, and the script."""
 
+import itertools
 import re
 from pathlib import Path
 
@@ -97,6 +98,25 @@ FORMATS = [
 def test_formats(form, name, data, names, scene, tmp_path) -> None:
     vessel().write(tmp_path / name, form, data)
     assert of_table(tmp_path, file=name, **names).geometry == scene.geometry
+
+
+def test_named_sets(tmp_path) -> None:
+    """Formats without numbers have sets of elements (Abaqus)."""
+    drawing = vessel()
+    lines = ["*NODE", *(f"{i}, {x}, {y}, 0." for i, (x, y) in enumerate(drawing.points, start=1))]
+    number = itertools.count(1)
+    for kind, elements, tags, names in (
+        ("CPS3", drawing.triangles, drawing.region, {1: "lumen", 2: "wall"}),
+        ("T2D2", drawing.lines, drawing.curve, {tag: name for name, tag in CURVES.items()}),
+    ):
+        for tag, name in names.items():
+            lines.append(f"*ELEMENT, TYPE={kind}, ELSET={name}")
+            lines += [f"{next(number)}, {', '.join(map(str, nodes + 1))}" for nodes in elements[tags == tag]]
+    (tmp_path / "vessel.inp").write_text("\n".join(lines) + "\n")
+    scene = of_table(tmp_path, file="vessel.inp")
+    vessel().write(tmp_path / "vessel.msh")
+    assert boundaries(scene) == boundaries(of_table(tmp_path))
+    assert scene.exact_areas() == pytest.approx(of_table(tmp_path).exact_areas())
 
 
 def test_numbers_and_names_mean_the_same(scene, tmp_path) -> None:

@@ -242,9 +242,11 @@ def test_unreadable(name, content, message, tmp_path, capsys) -> None:
     assert f'geometry.file = "{name}": {message}' in error
 
 
-def test_a_folder_is_no_mesh(tmp_path, capsys) -> None:
+@pytest.mark.parametrize("name", ["meshes", "", "a\0b", "x" * 5000])
+def test_no_file(name, tmp_path, capsys) -> None:
     (tmp_path / "meshes").mkdir()
-    assert "no such file" in refused(capsys, tmp_path, scene_table("meshes"))
+    error = refused(capsys, tmp_path, scene_table(name))
+    assert ("cannot be read: File name too long" if len(name) > 255 else "no such file in") in error
 
 
 def test_several_arrays_of_numbers(tmp_path, capsys) -> None:

@@ -104,6 +104,11 @@ class MeshGeometry(ChannelGeometry):
     )
     _mesh: DomainMesh = PrivateAttr()
 
+    @field_validator("file")
+    @classmethod
+    def _absolute(cls, file: str) -> str:
+        return str(Path(file).absolute())
+
     @field_validator("unit")
     @classmethod
     def _length(cls, unit: str) -> str:

@@ -109,7 +109,7 @@ def domain_mesh(path: Path, unit: str, metres: float, naming: Naming) -> DomainM
     """
     try:
         status = path.stat()
-    except OSError:
+    except (OSError, ValueError):  # also a path that cannot be one
         return _domain_mesh(path, unit, metres, naming)  # says what is wrong
     return _cached(path, unit, metres, naming, (status.st_mtime_ns, status.st_size))
 

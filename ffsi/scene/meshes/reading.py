@@ -94,7 +94,11 @@ def read_mesh_file(path: Path) -> MeshFile:
 
 def _read(path: Path) -> Any:
     """Call meshio, which prints and leaves the process where it fails."""
-    if not path.is_file():
+    try:
+        there = path.is_file()
+    except OSError as error:
+        raise fault(f"cannot be read: {error.strerror}") from None
+    if not there:
         siblings = sorted(other.name for other in path.parent.iterdir()) if path.parent.is_dir() else []
         guess = nearest(path.name, siblings)
         hint = f' (did you mean "{guess}"?)' if guess else ""
