@@ -181,6 +181,7 @@ def _context(scene: Scene, mumps: bool) -> dict[str, Any]:
         "strut_label": STRUTS,
         "inlet": scene.geometry.inlet if fluid and isinstance(scene.geometry, ChannelGeometry) else None,
         "inlet_labels": _labels(outline, "inlet"),
+        "through_labels": _labels(outline, "inlet", "outlet"),
         "outlet_labels": _labels(outline, "outlet"),
         "interface_labels": _labels(outline, "interface"),
         "loaded_labels": _labels(outline, "loaded"),

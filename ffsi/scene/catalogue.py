@@ -27,6 +27,7 @@ FLAP_MESH = Mesh(level=1)
 # Element sizes at level 0 where the geometry's defaults are not the best: a flow needs the wake, a beam its corners.
 FLOW_MESH = Mesh(growth=0.4, far_size=0.05, body_size=0.012, corner_size=0.0025)
 CYLINDER_MESH = Mesh(growth=0.4, far_size=0.05, body_size=0.008, corner_size=0.0025)
+FLUTTER_MESH = Mesh(growth=0.63, far_size=0.07, body_size=0.0125, corner_size=0.006)
 BEAM_MESH = Mesh(growth=0.5, far_size=0.09, body_size=0.012, corner_size=0.001)
 
 DO_NOTHING = Outlet(kind="do-nothing")
@@ -85,7 +86,7 @@ def turek(
         name=name,
         description=description,
         geometry=ChannelCylinder(beam=Beam()),
-        mesh=(Mesh() if solid else FLOW_MESH) if wet else BEAM_MESH,
+        mesh=((FLUTTER_MESH if time else Mesh()) if solid else FLOW_MESH) if wet else BEAM_MESH,
         fluid=Newtonian(density=1000.0, viscosity=1.0) if wet else None,
         solid=solid,
         gravity=None if wet else Gravity(y=-2.0),
