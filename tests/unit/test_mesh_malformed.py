@@ -95,6 +95,13 @@ def line_across(drawing: Drawing) -> None:
     drawing.lines[0] = (0, 2)
 
 
+def line_elsewhere(drawing: Drawing) -> None:
+    """A line of no boundary of the scene, which is no triangle's side: nobody needs it."""
+    drawing.lines = np.vstack([drawing.lines, [(0, 2)]])
+    drawing.curve = np.concatenate([drawing.curve, [99]])
+    call_it("inner", "outside")(drawing)
+
+
 def not_a_number(drawing: Drawing) -> None:
     drawing.points[4, 0] = np.nan
 
@@ -119,15 +126,16 @@ BROKEN: list[tuple[Callable[[Drawing], None] | None, dict[str, Any], str]] = [
     (not_a_number, {}, "geometry.file .*: the coordinates of node 5 are not finite"),
     (part_the_fluid, {}, r"geometry.regions.fluid: the fluid falls into 2 pieces .* the triangle \(.*, another one \("),
     (third_region, {}, 'geometry.regions: the mesh has the region "plaque", which is used nowhere; accepted: each'),
-    (nowhere, {}, r"geometry.regions: 2 triangles of the mesh belong to no region, the first at \("),
+    (nowhere, {}, r"geometry.regions: 2 triangles of the mesh belong to no region, the first at \(.*\) mm;"),
     (line_across, {}, 'geometry.boundaries.inlet: of "in", 1 line of 3 are no sides of triangles'),
     # roles
     (bend_the_inlet, {}, r"geometry.boundaries.inlet: must be straight; at \(.*\) mm it is .* mm away from the line"),
     (call_it("inner", "outside"), {"boundaries": {"inlet": "in", "outlet": "out", "clamped": "ends"}},
      r'geometry.boundaries: 6 boundary edges of the fluid without a role, the first at \(.*\) mm \(in the mesh: '
      r'"outside"\); accepted: each of them in inlet, outlet or walls'),
+    (line_elsewhere, boundaries(walls=None), 'geometry.boundaries: 6 boundary edges .*"outside"'),
     (None, boundaries(walls=None), r'6 boundary edges of the fluid without a role, .*\(in the mesh: "inner"\)'),
-    (None, boundaries(inlet=["in", "out"], outlet="inner", walls=None), "boundaries.inlet: must be one connected"),
+    (None, boundaries(inlet=["in", "out"], outlet="inner", walls=None), "inlet: must be one connected .* 2 pieces"),
     (None, boundaries(walls=["inner", "outside"]), r'boundaries.walls = "outside": at \(.*\) mm it is a boundary of a '
      "solid; accepted: outer boundaries of the fluid"),
     (None, boundaries(walls=["inner", "interface"]), r'boundaries.walls = "interface": at \(.*\) mm it lies between '

@@ -15,7 +15,7 @@ from scipy.spatial import KDTree
 from ffsi.scene.boundaries import CLAMPED, INLET, SUPPORTED
 from ffsi.scene.errors import Problem, names, short
 from ffsi.scene.meshes.curves import Curves, Edges, meaning
-from ffsi.scene.meshes.errors import MeshError, count, fault
+from ffsi.scene.meshes.errors import MeshError, count, fault, place
 from ffsi.scene.meshes.naming import FLUID, ROLES, Naming, chosen_groups
 from ffsi.scene.meshes.reading import MeshFile, read_mesh_file
 from ffsi.scene.meshes.topology import Topology, counter_clockwise, refuse_gaps, refuse_overlaps
@@ -121,7 +121,7 @@ def _cached(path: Path, unit: str, metres: float, naming: Naming, version: tuple
 
 def _domain_mesh(path: Path, unit: str, metres: float, naming: Naming) -> DomainMesh:
     file = read_mesh_file(path)
-    region, titles = _regions(file, naming)
+    region, titles = _regions(file, naming, unit)
     used, triangles = np.unique(file.triangles, return_inverse=True)
     topology, turned = counter_clockwise(file.points[used], triangles.reshape(-1, 3), unit)
     refuse_overlaps(topology, turned, region)
@@ -164,7 +164,7 @@ def _rounded(points: Floats) -> Floats:
 # Regions -------------------------------------------------------------------------------------------------------------
 
 
-def _regions(file: MeshFile, naming: Naming) -> tuple[Ints, list[str]]:
+def _regions(file: MeshFile, naming: Naming, unit: str) -> tuple[Ints, list[str]]:
     """Return the region of each triangle, and what messages call it."""
     region = np.zeros(len(file.triangles), dtype=np.int64)
     titles = [""] * len(region)
@@ -184,7 +184,7 @@ def _regions(file: MeshFile, naming: Naming) -> tuple[Ints, list[str]]:
         raise MeshError(problems)
     left = np.flatnonzero(region == 0)
     if left.size:
-        where = f"({', '.join(f'{x:.6g}' for x in file.points[file.triangles[left[0]]].mean(axis=0))})"
+        where = place(file.points[file.triangles[left[0]]].mean(axis=0), unit)
         unused = [group.title for group in file.regions if (region[group.cells] == 0).any()]
         what = f"the mesh has the region {names(unused)}" if len(unused) == 1 else f"the mesh has {names(unused)}"
         if not unused:
@@ -229,7 +229,8 @@ def _inlet(
     firsts, lasts = set(edges[:, 0].tolist()), set(edges[:, 1].tolist())
     ends, starts = sorted(firsts - lasts), sorted(lasts - firsts)
     if len(starts) != 1 or len(ends) != 1:
-        raise fault(f"must be one connected piece; it has {max(len(starts), 1)}", "boundaries.inlet")
+        what = f"it has {len(starts)} pieces" if starts else "it closes on itself"
+        raise fault(f"must be one connected straight piece; {what}", "boundaries.inlet")
     start, end = vertices[starts[0]], vertices[ends[0]]
     length = float(np.linalg.norm(end - start))
     along = (end - start) / length
@@ -237,7 +238,7 @@ def _inlet(
     away = np.abs(offset[:, 1] * along[0] - offset[:, 0] * along[1])
     if away.max() > STRAIGHT * length:
         point = (start + offset[int(np.argmax(away))]) / metres
-        text = f"must be straight; at ({point[0]:.6g}, {point[1]:.6g}) {unit} it is {away.max() / metres:.3g} {unit}"
+        text = f"must be straight; at {place(point, unit)} it is {away.max() / metres:.3g} {unit}"
         raise fault(f"{text} away from the line between its ends", "boundaries.inlet")
     inward = (float(along[1]), float(-along[0]) + 0.0)  # no -0.0
     return (float(start[0]), float(start[1])), inward, length

@@ -80,10 +80,18 @@ class Curves:
         parts = self._parts(naming, label)
         return label, parts
 
-    def _edges(self, group: Group, key: str) -> Ints:
-        """Return the edges of a group of lines."""
+    def _find(self, group: Group) -> Ints:
+        """Return the edges of a group of lines, -1 where a line is no edge."""
         pairs = self.lines[group.cells]
-        edges = np.where((pairs < 0).any(axis=1), -1, self.topology.find(np.maximum(pairs, 0)))
+        return np.where((pairs < 0).any(axis=1), -1, self.topology.find(np.maximum(pairs, 0)))
+
+    def _edges(self, group: Group, key: str) -> Ints:
+        """Return the edges of a group of lines.
+
+        Raises:
+            MeshError: a line is no edge.
+        """
+        edges = self._find(group)
         if (edges < 0).any():
             bad = count(int((edges < 0).sum()), "line")
             raise fault(f'of "{group.title}", {bad} of {len(edges)} are no sides of triangles', key)
@@ -109,7 +117,7 @@ class Curves:
         bare = np.flatnonzero(self.wet & (label == 0))
         if not bare.size:
             return
-        touched = [group.title for group in self.groups if np.isin(self._edges(group, "boundaries"), bare).any()]
+        touched = [group.title for group in self.groups if np.isin(self._find(group), bare).any()]
         named = f" (in the mesh: {names(touched)})" if touched else ""
         text = f"{count(bare.size, 'boundary edge')} of the fluid without a role, the first at {self._at(bare[0])}"
         accepted = "accepted: each of them in inlet, outlet or walls"
