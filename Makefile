@@ -8,18 +8,21 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 STUDY := runs/flap-svk
+# Runs in time at once, in `make verify`.
+JOBS := 2
 SYSTEM_PACKAGES := freefem++ libfreefem++ libfreefem++-dev libopenblas0-pthread
 # What the Python package gmsh loads, with which tests make meshes.
 TEST_PACKAGES := libglu1-mesa libgl1 libxrender1 libxcursor1 libxft2 libxinerama1 libxext6 libxfixes3 libx11-6 libfontconfig1 libgomp1
 
-.PHONY: help setup system test-system run test verify bench paper figures lint edp
+.PHONY: help setup system test-system run test verify verify-long bench paper figures lint edp
 
 help:
 	@echo "make setup   install what is missing: FreeFEM (apt) and the Python environment in $(VENV)"
 	@echo "make run     the flap study: a sweep over the inflow velocity, and its report"
 	@echo "make test    unit tests and small real runs"
-	@echo "make verify  the published values: results/verification.*, README.md, and their tests (minutes)"
-	@echo "make bench   error against seconds, cost ratios, mesh motions: results/bench-*, results/mesh-motion.*, README.md"
+	@echo "make verify  the published values: results/verification*, README.md, and their tests (hours; a second call goes on)"
+	@echo "make verify-long  FSI2 and FSI3 over many periods: results/long*, README.md (an hour; a second call goes on)"
+	@echo "make bench   error against seconds, cost ratios, mesh motions, time steps: results/bench-*, results/mesh-motion.*, README.md"
 	@echo "make paper   the study of the paper's sections 5.1 to 5.3: results/paper (minutes)"
 	@echo "make figures the README's picture, from the last point of 'make run'"
 	@echo "make lint    ruff and mypy"
@@ -36,12 +39,17 @@ test: setup test-system
 
 verify: setup
 	@$(BIN)/ffsi verify --out results --readme README.md
+	@$(BIN)/ffsi verify --unsteady --jobs $(JOBS) --out results --readme README.md
 	@$(BIN)/python -m pytest tests/verification
+
+verify-long: setup
+	@$(BIN)/ffsi verify --long --jobs $(JOBS) --out results --readme README.md
 
 bench: setup
 	@$(BIN)/ffsi bench --repeat 3 --out results --readme README.md
 	@$(BIN)/ffsi bench --scenes --repeat 3 --out results --readme README.md
 	@$(BIN)/ffsi bench --mesh-motion --out results --readme README.md
+	@$(BIN)/ffsi bench --unsteady --repeat 3 --out results --readme README.md
 
 paper: setup
 	@$(BIN)/ffsi paper --jobs 2

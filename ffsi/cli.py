@@ -10,11 +10,12 @@ import re
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
-from ffsi import folder, show
+from ffsi import folder, measurements, show
+from ffsi.exit_codes import BAD_INPUT, CHECK_FAILED, NO_FREEFEM, NOT_CONVERGED, worst
 from ffsi.folder import InputError
 from ffsi.freefem import FreeFEMError, FreeFEMNotFound
 from ffsi.rawfiles import RawFileError
@@ -22,16 +23,6 @@ from ffsi.result import Result, load_result, load_results
 from ffsi.scene import MeshGeometry, Scene, SceneError, load_scene
 from ffsi.timesteps import newest_checkpoint
 from ffsi.unsteady import STOPPED, check_resumable
-
-CHECK_FAILED, BAD_INPUT, NOT_CONVERGED, NO_FREEFEM = 1, 2, 3, 4
-EXIT_OF = {
-    "": 0,
-    "check": CHECK_FAILED,
-    "not-converged": NOT_CONVERGED,
-    "not-reached": NOT_CONVERGED,
-    "stopped": NOT_CONVERGED,
-    "crash": NO_FREEFEM,
-}
 
 app = typer.Typer(
     name="ffsi",
@@ -57,13 +48,6 @@ Settings = Annotated[
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON on stdout, and nothing else there.")]
 NoCheck = Annotated[bool, typer.Option("--no-check", help="Skip the independent reference check.")]
-TableFolder = Annotated[
-    Path | None, typer.Option("--out", metavar="DIR", help="Write CSV, Markdown, pictures there.", show_default=False)
-]
-Readme = Annotated[
-    Path | None,
-    typer.Option("--readme", metavar="FILE", help="Replace this command's tables in FILE.", show_default=False),
-]
 Threads = Annotated[int, typer.Option("--threads", min=1, help="Threads of the linear algebra.")]
 
 
@@ -243,7 +227,7 @@ def sweep(
         if name:
             count = int((table["failure"] == name).sum())
             show.error(f"{count} of {len(table)} points: {name}; see the column reason of {out / study.TABLE}")
-    raise typer.Exit(_worst(failures))
+    raise typer.Exit(worst(failures))
 
 
 @app.command()
@@ -289,106 +273,8 @@ def report(
     show.note(f"wrote {output}")
 
 
-@app.command()
-def verify(
-    levels: Annotated[
-        str | None,
-        typer.Option(
-            "--levels",
-            metavar="A,B,...",
-            help="Mesh levels of every case.",
-            show_default="0 to 3, FSI1 and flaps 0 to 4",
-        ),
-    ] = None,
-    out: TableFolder = None,
-    readme: Readme = None,
-) -> None:
-    """Run every case that has published values on several meshes and print the errors (takes minutes).
-
-    Exit codes: 0 all runs solved and checked, else as `ffsi run`; errors against published values do not count.
-    """
-    from ffsi.verification import main as verify_all
-
-    raise typer.Exit(_worst(verify_all(_levels(levels) if levels is not None else None, out, readme)))
-
-
-@app.command()
-def bench(
-    scenes: Annotated[
-        bool,
-        typer.Option(
-            "--scenes", help="Cost ratios of every steady scene near 30 000 unknowns instead, and formulations."
-        ),
-    ] = False,
-    mesh_motion: Annotated[
-        bool, typer.Option("--mesh-motion", help="How far each mesh motion carries the flap instead, and its cost.")
-    ] = False,
-    case: Annotated[str | None, typer.Option("--case", help="The case to measure.", show_default="turek-fsi1")] = None,
-    levels: Annotated[
-        str | None,
-        typer.Option("--levels", metavar="A,B,...", help="Mesh levels, separated by commas.", show_default="0,1,2,3,4"),
-    ] = None,
-    level: Annotated[
-        int | None,
-        typer.Option("--level", min=0, max=4, help="Mesh level, with --mesh-motion.", show_default="1"),
-    ] = None,
-    repeat: Annotated[
-        int | None, typer.Option("--repeat", min=1, help="Runs per level or scene; medians.", show_default="1")
-    ] = None,
-    out: TableFolder = None,
-    readme: Readme = None,
-) -> None:
-    """Measure error against seconds, and what assembly costs beside one factorisation, over the mesh levels.
-
-    Exit codes: as `ffsi run`, but where a mesh motion ends is a result: 3 only if no mesh motion solved any point.
-    """
-    if scenes and mesh_motion:
-        raise InputError("give either --scenes or --mesh-motion, not both")
-    given = {"case": case, "levels": levels, "level": level, "repeat": repeat}
-    kind = " --scenes" if scenes else " --mesh-motion" if mesh_motion else ""
-    accepted = {" --scenes": ("repeat",), " --mesh-motion": ("level",), "": ("case", "levels", "repeat")}[kind]
-    if wrong := [name for name, value in given.items() if value is not None and name not in accepted]:
-        raise InputError(f"ffsi bench{kind} has no option --{wrong[0]}")
-    values = {"level": level, "repeat": repeat, "out": out, "readme": readme}
-    options: dict[str, Any] = {name: value for name, value in values.items() if value is not None}
-    if scenes:
-        from ffsi.bench.scenes import main as measure_scenes
-
-        raise typer.Exit(_worst(measure_scenes(**options)))
-    if mesh_motion:
-        from ffsi.bench.mesh_motion import main as measure_motions
-
-        raise typer.Exit(_worst(measure_motions(**options)))
-    from ffsi.bench import main as measure
-
-    name = case or "turek-fsi1"
-    load_scene(name, [])
-    raise typer.Exit(_worst(measure(_levels(levels or "0,1,2,3,4"), name, **options) or []))
-
-
-@app.command()
-def paper(
-    cases: Annotated[
-        str | None,
-        typer.Option("--cases", metavar="A,B,...", help="Numbers of the paper's cases.", show_default="1,2,3"),
-    ] = None,
-    level: Annotated[int, typer.Option("--level", help="Mesh level, 0 to 4.")] = 2,
-    jobs: Annotated[int, typer.Option("--jobs", min=1, help="Sweeps at a time.")] = 1,
-    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Write CSV, PNG, paper.md there.")] = Path(
-        "results/paper"
-    ),
-    runs: Annotated[Path, typer.Option("--runs", metavar="DIR", help="The sweeps; a second call resumes them.")] = Path(
-        "runs/paper"
-    ),
-) -> None:
-    """Reproduce the paper's sections 5.1 to 5.3: figures 3 to 14 and their tables (takes minutes).
-
-    Exit codes: as `ffsi run`, but where a sweep ends is a result: 3 only if a sweep has solved no point.
-    """
-    from ffsi.paper import main as reproduce
-
-    numbers = _numbers("--cases", cases) if cases is not None else None
-    raise typer.Exit(_worst(reproduce(numbers, level=level, jobs=jobs, out=out, runs=runs)))
+for command in (measurements.verify, measurements.bench, measurements.paper):
+    app.command()(command)
 
 
 @app.command()
@@ -417,7 +303,7 @@ def _finish(results: Sequence[Result], directory: Path) -> None:
     for result in results:
         if not result.converged:
             show.error(f"{result.reason}; what there is lies in {directory}")
-    raise typer.Exit(_worst([result.failure for result in results]))
+    raise typer.Exit(worst([result.failure for result in results]))
 
 
 def _say_how_to_resume(scene: Scene, directory: Path) -> None:
@@ -443,30 +329,6 @@ def _animate(result: Result, field: str, output: Path) -> None:
 
     count = write_animation(result, field, output)
     show.note(f"wrote {output} ({count} frames)")
-
-
-def _levels(text: str) -> list[int]:
-    """Read mesh levels such as `0,1,2`."""
-    numbers = _numbers("--levels", text)
-    if min(numbers) < 0 or max(numbers) > 4:
-        raise InputError(f"--levels: mesh levels go from 0 to 4, not {text!r}")
-    return numbers
-
-
-def _numbers(option: str, text: str) -> list[int]:
-    """Read integers such as `0,1,2`."""
-    try:
-        numbers = [int(item) for item in text.split(",")]
-    except ValueError:
-        raise InputError(f"{option} takes integers separated by commas such as 1,2, not {text!r}") from None
-    if len(set(numbers)) < len(numbers):
-        raise InputError(f"{option}: a number occurs twice in {text!r}")
-    return numbers
-
-
-def _worst(failures: Sequence[str]) -> int:
-    codes = {EXIT_OF[failure] for failure in failures}
-    return next((code for code in (NO_FREEFEM, NOT_CONVERGED, CHECK_FAILED) if code in codes), 0)
 
 
 def _check_output(path: Path) -> None:

@@ -198,6 +198,31 @@ def periodic(t: ArrayLike, y: ArrayLike, tolerance: float = 0.02, mean_tolerance
     return Periodicity(True, amplitude, mean)
 
 
+def blocks(t: ArrayLike, y: ArrayLike) -> list[Oscillation]:
+    """Return the successive blocks of two periods, the last one ending at the last crossing of the mean.
+
+    The first one begins where the amplitude has come to at least half of the final one.
+
+    Args:
+        t: times, s, increasing.
+        y: values of the signal.
+
+    Returns:
+        Mean, amplitude and frequency of each block, and where it starts and ends; none with too few periods.
+
+    Raises:
+        ValueError: as `mean_amplitude_frequency`.
+    """
+    times, values = _signal(t, y)
+    crossings = _crossings(times, values, len(times))
+    edges = [float(edge) for edge in crossings[(len(crossings) - 1) % BLOCK :: BLOCK]]
+    found = []
+    for start, end in itertools.pairwise(edges):
+        lowest, highest = _extrema(times, values, start, end, (end - start) / BLOCK)
+        found.append(Oscillation((highest + lowest) / 2, (highest - lowest) / 2, BLOCK / (end - start), start, end))
+    return found
+
+
 def quantities_of_history(history: pd.DataFrame, reference: str | None = None) -> dict[str, dict[str, float]]:
     """Return mean, amplitude and frequency of every quantity of a computation in time.
 

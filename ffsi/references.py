@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import math
 import tomllib
 from dataclasses import dataclass
 from functools import cache
@@ -16,18 +17,21 @@ _NUMERICAL = {"time", "mesh", "mesh_motion", "solver", "output", "title", "descr
 
 @dataclass(frozen=True)
 class Reference:
-    """A published value: `mean` in `unit`, and for periodic quantities its amplitude (`unit`) and frequency (Hz)."""
+    """A published value: `mean` in `unit`, and for periodic quantities its amplitude (`unit`) and frequency (Hz).
+
+    None where nothing was published.
+    """
 
     quantity: str
-    mean: float
+    mean: float | None
     amplitude: float | None
     frequency: float | None
     unit: str
     source: str
 
     def relative_error(self, value: float) -> float:
-        """Return (value - mean) / |mean|."""
-        return (value - self.mean) / abs(self.mean)
+        """Return (value - mean) / |mean|; NaN without a published mean."""
+        return math.nan if self.mean is None else (value - self.mean) / abs(self.mean)
 
 
 @cache
@@ -37,14 +41,18 @@ def _table() -> dict[str, dict[str, Reference]]:
     for row in csv.DictReader(text.splitlines()):
         reference = Reference(
             quantity=row["quantity"],
-            mean=float(row["mean"]),
-            amplitude=float(row["amplitude"]) if row["amplitude"] else None,
-            frequency=float(row["frequency"]) if row["frequency"] else None,
+            mean=_number(row["mean"]),
+            amplitude=_number(row["amplitude"]),
+            frequency=_number(row["frequency"]),
             unit=row["unit"],
             source=row["source"],
         )
         table.setdefault(row["case"], {})[reference.quantity] = reference
     return table
+
+
+def _number(text: str) -> float | None:
+    return float(text) if text else None
 
 
 def references(case: str) -> dict[str, Reference]:

@@ -76,6 +76,21 @@ def read_history(directory: Path) -> pd.DataFrame:
     return _read_table(directory / folder.TIME_HISTORY)
 
 
+def seconds_of_steps(history: pd.DataFrame) -> pd.Series[float]:
+    """Return the seconds that each step took, of the process that made it.
+
+    The first step of every process is left out: its seconds contain the mesh and the operators.
+    """
+    seconds = history["seconds"].astype(float).diff()
+    return seconds[seconds >= 0.0]
+
+
+def seconds_of_run(history: pd.DataFrame) -> float:
+    """Return the seconds of all the processes that made a history, one after the other; 0 without steps."""
+    seconds = history["seconds"].astype(float)
+    return float(seconds[~(seconds.shift(-1) >= seconds)].sum())
+
+
 def read_saved_steps(directory: Path) -> list[SavedStep]:
     """Return the steps whose states were written, in time; none if there is no `steps.csv`.
 

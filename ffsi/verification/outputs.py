@@ -6,11 +6,18 @@ import os
 import platform
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from ffsi import folder
 from ffsi.folder import InputError
-from ffsi.verification.runs import Measurement
+
+
+class Ran(Protocol):
+    """A run of which there is the content of `result.json`."""
+
+    @property
+    def data(self) -> Mapping[str, Any]:
+        """The content."""
 
 
 def replace_block(text: str, name: str, content: str) -> str:
@@ -59,7 +66,7 @@ def _replaced(readme: Path, block: str, content: str) -> str:
         raise InputError(f"{readme}: {error}") from error
 
 
-def origin(command: str, runs: Iterable[Measurement]) -> str:
+def origin(command: str, runs: Iterable[Ran]) -> str:
     """Return one sentence about who wrote a table, with which FreeFEM and on which machine."""
     used: Mapping[str, Any] = next((run.data["freefem"] for run in runs if run.data.get("freefem")), {})
     solver = f"FreeFEM {used.get('version', '?')} with {used.get('solver', '?')}, one thread"

@@ -46,7 +46,7 @@ def reference_sets(case: str, variant: str = "") -> list[ReferenceSet]:
         variant: name of the variant; empty for the case as it stands in the catalogue.
     """
     published = {} if variant else references(case)
-    steady = {name: item.mean for name, item in published.items() if item.amplitude is None}
+    steady = {name: item.mean for name, item in published.items() if item.amplitude is None and item.mean is not None}
     first = [ReferenceSet("Featflow" if case.startswith("turek") else "DFG", steady)] if steady else []
     return [*first, *_further().get((case, variant), [])]
 

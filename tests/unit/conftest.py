@@ -8,6 +8,8 @@ from run_folders import FakeCheck, FakeFreeFEM
 from time_folders import FakeTimeFreeFEM
 
 from ffsi import run, study, unsteady
+from ffsi.bench import unsteady as bench_unsteady
+from ffsi.verification import periodic_runs
 
 
 @pytest.fixture
@@ -24,9 +26,10 @@ def freefem(monkeypatch) -> FakeFreeFEM:
 def in_time(monkeypatch) -> FakeTimeFreeFEM:
     fake = FakeTimeFreeFEM()
     monkeypatch.setattr(run, "run_script", fake.run_script)
-    for module in (run, study):
+    for module in (run, study, periodic_runs, bench_unsteady):
         monkeypatch.setattr(module, "find_freefem", lambda: SimpleNamespace(has_mumps=True))
-    monkeypatch.setattr(run, "render", lambda scene, mumps: f"// {scene.name}, MUMPS {mumps}\n")
+    for module in (run, periodic_runs, bench_unsteady):
+        monkeypatch.setattr(module, "render", lambda scene, mumps: f"// {scene.name}, MUMPS {mumps}\n")
     monkeypatch.setattr(unsteady, "LOOK_EVERY", 0.0)
     monkeypatch.setattr(unsteady, "SHARE", math.inf)
     return fake

@@ -8,6 +8,7 @@ import pytest
 
 from ffsi.metrics import (
     Array,
+    blocks,
     extrema,
     mean_amplitude_frequency,
     oscillations,
@@ -276,6 +277,27 @@ def test_a_short_history_is_nan() -> None:
     found = quantities_of_history(fsi3(times(0.1)))
     assert set(found) == {"drag", "lift", "tip_ux", "tip_uy"}
     assert all(math.isnan(value) for item in found.values() for value in item.values())
+
+
+def test_blocks_follow_each_other_and_end_with_the_signal() -> None:
+    t = times(10.0)
+    found = blocks(t, wave(t, 0.3, 2.0, 1.5))
+    assert len(found) == 6
+    assert [block.start for block in found[1:]] == [block.end for block in found[:-1]]
+    assert 10.0 - 2 / 1.5 < found[-1].end <= 10.0
+    for block in found:
+        assert (block.mean, block.amplitude, block.frequency) == pytest.approx((0.3, 2.0, 1.5), rel=1e-4)
+
+
+def test_blocks_begin_at_half_of_the_final_amplitude() -> None:
+    t = times(20.0)
+    growing = wave(t, 0.0, 1.0, 2.0) * (1 - np.exp(-t / 2))
+    found = blocks(t, growing)
+    assert 0.5 < found[0].start < 2.5
+    sizes = [block.amplitude for block in found]
+    assert sizes == sorted(sizes)
+    assert sizes[-1] == pytest.approx(1.0, rel=1e-3)
+    assert blocks(t[t < 0.9], growing[t < 0.9]) == []
 
 
 def test_cylinder_2d2() -> None:

@@ -3,6 +3,7 @@
 import json
 import shutil
 
+import pandas as pd
 import pytest
 from time_folders import HEAD, NEWTON_HEAD, STEPS_HEAD, write_checkpoint
 
@@ -13,6 +14,8 @@ from ffsi.timesteps import (
     newest_checkpoint,
     read_history,
     read_saved_steps,
+    seconds_of_run,
+    seconds_of_steps,
     write_steps_json,
 )
 
@@ -146,3 +149,10 @@ def test_damaged_steps_are_named(directory):
     (directory / "steps.csv").write_text("step,time\n4,0.4\n")
     with pytest.raises(InputError, match=r"steps.csv is damaged: 'drag'|steps.csv is damaged"):
         read_saved_steps(directory)
+
+
+def test_seconds_of_a_run_in_several_processes():
+    history = pd.DataFrame({"seconds": [5.0, 6.0, 8.0, 3.0, 3.5, 1.0]})
+    assert seconds_of_steps(history).tolist() == [1.0, 2.0, 0.5]
+    assert seconds_of_run(history) == 8.0 + 3.5 + 1.0
+    assert seconds_of_run(history[:0]) == 0.0

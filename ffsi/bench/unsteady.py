@@ -1,0 +1,266 @@
+"""What a time step of FSI3 at full swing costs: by the velocity alone with kept factors, and by plain Newton."""
+
+from __future__ import annotations
+
+import math
+import shutil
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from ffsi import folder, show
+from ffsi.bench.costs import SOLVER, WORDS, marked
+from ffsi.folder import InputError
+from ffsi.freefem import FreeFEMError, FreeFEMNotFound, find_freefem
+from ffsi.render import render
+from ffsi.result import load_result
+from ffsi.run import resume
+from ffsi.scene import Scene, load_scene
+from ffsi.timesteps import Checkpoint, newest_checkpoint, read_history
+from ffsi.verification import TextTable, link, number, origin, prepare, update_readme
+from ffsi.verification.periodic_cases import PLAIN
+from ffsi.verification.periodic_runs import TimeRun, run_one
+
+BLOCK = "bench-unsteady"
+CSV = "bench-unsteady.csv"
+RUNS = Path("runs/bench-unsteady")
+CASE = "turek-fsi3"
+STEP = 0.005  # s
+DEVELOPED = 5.0  # s, when the beam swings with its full amplitude
+STEPS = {"condensed": 74, "newton": 6}  # that are measured: two periods of the motion, and some
+RATIO_BOUND = 10.0
+WORD = {"condensed": "condensed", "newton": "plain Newton"}
+EXPLANATION = (
+    f"{CASE} from t = {DEVELOPED:g} s on, where the beam swings with its full amplitude, dt {STEP:g} s. *condensed*: "
+    f"`solver.step` as it is in the catalogue, {STEPS['condensed']} steps; *plain Newton*: the whole Jacobian with new "
+    f"factors in every iteration, {STEPS['newton']} steps from the same checkpoint. Seconds: processor time of the "
+    "script. The first step of the process, which sets everything up (the factors that the checkpoint names among it), "
+    "and the last one, which is solved to round-off, do not count. Ratio: of the means. Phases: seconds per step, what "
+    "a process without counted steps needs taken off. `!` marks what misses its bound."
+)
+
+
+@dataclass(frozen=True)
+class Size:
+    """A mesh: its name, the number of unknowns it is meant to have, its settings, and the bound of a step in s."""
+
+    name: str
+    unknowns: int
+    settings: tuple[str, ...]
+    bound: float
+
+    def scene(self, end: float, step: str = "condensed") -> Scene:
+        """Return FSI3 on this mesh to a time in s."""
+        steps = (f"time.step={STEP!r}", f"time.end={end!r}", "time.stop=end", f"solver.step={step}")
+        return load_scene(CASE, [*self.settings, *steps, *PLAIN])
+
+
+SIZES = (
+    Size("13k", 13_000, ("mesh.level=1", "mesh.size_factor=0.96"), 0.12),
+    Size("30k", 30_000, ("mesh.level=2", "mesh.size_factor=0.88"), 0.28),
+)
+
+
+@dataclass(frozen=True)
+class Steps:
+    """The measured steps of one process.
+
+    Attributes:
+        data: content of its `result.json`.
+        seconds: of each measured step.
+        iterations: per step.
+        rebuilds: new factors per step.
+        phases: seconds of the process in the phases `SOLVER`.
+        swing: half the range of the tip's u_y, m.
+    """
+
+    data: Mapping[str, Any]
+    seconds: Sequence[float] = ()
+    iterations: float = math.nan
+    rebuilds: float = math.nan
+    phases: Mapping[str, float] = field(default_factory=dict)
+    swing: float = math.nan
+
+    @property
+    def failure(self) -> str:
+        """As `Result.failure`."""
+        return str(self.data.get("failure", ""))
+
+
+def develop(size: Size, runs: Path) -> TimeRun:
+    """Run to the developed motion, or find it where an earlier call has left it."""
+    name = f"{size.name}-developed"
+    with show.progress(f"{CASE} {name}") as on_event:
+        return run_one(name, size.scene(DEVELOPED), runs / name, on_event)
+
+
+def start_from(source: Path, checkpoint: Checkpoint, scene: Scene, directory: Path) -> None:
+    """Make a run folder in which `scene` goes on from a checkpoint of another run on the same mesh."""
+    folder.prepare(directory)
+    folder.write_text(directory / folder.SCRIPT, render(scene, mumps=find_freefem().has_mumps))
+    folder.write_text(directory / folder.SCENE, scene.to_toml())
+    for name in (folder.TIME_HISTORY, folder.HISTORY, folder.STEPS, checkpoint.path.name):
+        shutil.copy(source / name, directory / name)
+
+
+def measure(size: Size, step: str, count: int, source: Path, directory: Path) -> Steps:
+    """Go on from the developed motion for `count` steps, and one before and one after them that do not count."""
+    checkpoint = newest_checkpoint(source)
+    if checkpoint is None:
+        raise InputError(f"{source} holds no checkpoint; remove it, and call again")
+    scene = size.scene(checkpoint.time + (count + 2) * STEP, step)
+    start_from(source, checkpoint, scene, directory)
+    name = f"{CASE} {size.name}, {WORD[step]}"
+    try:
+        with show.progress(name) as on_event:
+            resume(directory, on_event=on_event)
+    except FreeFEMNotFound:
+        raise
+    except FreeFEMError:  # the result says so
+        pass
+    data = load_result(directory).data
+    if data.get("failure"):
+        show.error(f"{name}: {data['reason']}; what there is lies in {directory}")
+        return Steps(data)
+    return steps_of(data, directory, checkpoint.step)
+
+
+def steps_of(data: Mapping[str, Any], directory: Path, before: int) -> Steps:
+    """Return what the steps after the step `before` cost, without the first and the last one."""
+    new = read_history(directory).iloc[before:]
+    counted = new.iloc[1:-1]
+    newton = pd.read_csv(directory / folder.HISTORY)
+    fresh = newton.loc[newton["step"].between(before + 2, before + len(new) - 1), "factorized"].sum()
+    swing = counted["tip_uy"].to_numpy(dtype=np.float64)
+    return Steps(
+        data,
+        new["seconds"].diff().iloc[1:-1].tolist(),
+        float(counted["iterations"].mean()),
+        float(fresh) / max(len(counted), 1),
+        {name: data["timings"].get(name, math.nan) for name in SOLVER},
+        float(np.ptp(swing)) / 2 if len(swing) else math.nan,
+    )
+
+
+def row(size: Size, step: str, runs: Sequence[Steps], start: Steps) -> dict[str, Any]:
+    """Return what the steps of several runs cost: of each number the median over the runs.
+
+    Args:
+        size: the mesh.
+        step: the solver.
+        runs: several runs of the same steps.
+        start: a run without counted steps; its phases are not those of steps.
+    """
+    solved = [run for run in runs if not run.failure]
+    found: dict[str, Any] = {"case": CASE, "mesh": size.name, "solver": step, "runs": len(runs)}
+    found |= {"status": "converged" if len(solved) == len(runs) else "failed"}
+    if not solved:
+        return found
+    values = [
+        {
+            "steps": len(run.seconds),
+            "median_seconds": float(np.median(run.seconds)),
+            "mean_seconds": float(np.mean(run.seconds)),
+            "largest_seconds": max(run.seconds),
+            "iterations_per_step": run.iterations,
+            "rebuilds_per_100_steps": 100 * run.rebuilds,
+            **{
+                f"{name}_seconds": max(value - start.phases.get(name, math.nan), 0.0) / len(run.seconds)
+                for name, value in run.phases.items()
+            },
+            "swing": run.swing,
+        }
+        for run in solved
+    ]
+    data = solved[0].data
+    found |= {"unknowns": data["unknowns"], "triangles": data["triangles"], "step": STEP}
+    return found | {str(name): value for name, value in pd.DataFrame(values).median().items()}
+
+
+def table(rows: Sequence[Mapping[str, Any]], sizes: Sequence[Size] = SIZES) -> TextTable:
+    """Return one row per mesh and solver; `!` marks what misses its bound."""
+    head = ["unknowns", "solver", "s per step, median", "mean", "bound", f"ratio (> {RATIO_BOUND:g})"]
+    head += ["iterations per step", "rebuilds in 100 steps", *(f"{WORDS.get(name, name)} s" for name in SOLVER)]
+    result = TextTable([*head, "u_y ± m"], title=f"Seconds per time step, {CASE}")
+    bounds = {size.name: size.bound for size in sizes}
+    for item in rows:
+        kept = item["solver"] == "condensed"
+        bound = bounds[item["mesh"]] if kept else math.inf
+        ratio = item.get("ratio")
+        result.add(
+            number(item.get("unknowns"), "{:d}"),
+            WORD[item["solver"]],
+            *(marked(item.get(f"{name}_seconds"), bound, "{:.3f}") for name in ("median", "mean")),
+            number(bound if kept else None, "{:.2f}"),
+            number(ratio) + (" !" if ratio is not None and ratio < RATIO_BOUND else ""),
+            number(item.get("iterations_per_step")),
+            number(item.get("rebuilds_per_100_steps")),
+            *(number(item.get(f"{name}_seconds"), "{:.3f}") for name in SOLVER),
+            number(item.get("swing"), "{:.4f}"),
+        )
+    return result
+
+
+def main(
+    *,
+    repeat: int = 1,
+    out: Path | None = None,
+    readme: Path | None = None,
+    runs: Path = RUNS,
+    sizes: Sequence[Size] = SIZES,
+) -> list[str]:
+    """Run FSI3 to its developed motion, measure steps from there with both solvers, and print what they cost.
+
+    Args:
+        repeat: runs of the condensed solver on each mesh; its numbers are the medians.
+        out: folder for `bench-unsteady.csv`.
+        readme: file whose block `bench-unsteady` is replaced, unless a run failed.
+        runs: folder of the run folders. The developed motion is computed once, and found by later calls.
+        sizes: the meshes.
+
+    Returns:
+        The failures of all runs, as `Result.failure`; empty strings where all is well.
+
+    Raises:
+        InputError: `repeat` is below 1, or `out`, `readme` or a run folder cannot be used.
+        FreeFEMNotFound: no FreeFEM on this machine.
+    """
+    if repeat < 1:
+        raise InputError(f"--repeat: at least one run, not {repeat}")
+    prepare(out, readme, BLOCK)
+    rows: list[dict[str, Any]] = []
+    done: list[TimeRun | Steps] = []
+    for size in sizes:
+        source = develop(size, runs)
+        done.append(source)
+        if source.failure:
+            continue
+        pair = []
+        for step, times in (("condensed", repeat), ("newton", 1)):
+            start, *own = [
+                measure(size, step, STEPS[step] if i else 0, source.directory, runs / f"{size.name}-{step}-{i}")
+                for i in range(times + 1)
+            ]
+            done += [start, *own]
+            pair.append(row(size, step, own, start))
+        if all("mean_seconds" in item for item in pair):
+            pair[0]["ratio"] = pair[1]["mean_seconds"] / pair[0]["mean_seconds"]
+        rows += pair
+    result = table(rows, sizes)
+    result.print()
+    if out is not None:
+        folder.write_text(out / CSV, pd.DataFrame(rows).to_csv(index=False, float_format="%.8g"))
+        show.note(f"wrote {out / CSV}")
+    failures = [item.failure for item in done]
+    if readme is not None and any(failures):
+        show.error(f"{readme} stays as it is, because a run failed")
+    elif readme is not None:
+        written = origin("ffsi bench --unsteady" + (f" --repeat {repeat}" if repeat > 1 else ""), done)
+        more = f" More: [{CSV}]({link(out / CSV, readme)})." if out else ""
+        update_readme(readme, BLOCK, "\n\n".join([EXPLANATION, result.markdown(), written + more]))
+        show.note(f"wrote the block {BLOCK} of {readme}")
+    return failures

@@ -1,0 +1,21 @@
+"""Exit codes of the command line."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+CHECK_FAILED, BAD_INPUT, NOT_CONVERGED, NO_FREEFEM = 1, 2, 3, 4
+EXIT_OF = {
+    "": 0,
+    "check": CHECK_FAILED,
+    "not-converged": NOT_CONVERGED,
+    "not-reached": NOT_CONVERGED,
+    "stopped": NOT_CONVERGED,
+    "crash": NO_FREEFEM,
+}
+
+
+def worst(failures: Sequence[str]) -> int:
+    """Return the exit code of several runs from their `Result.failure`."""
+    codes = {EXIT_OF[failure] for failure in failures}
+    return next((code for code in (NO_FREEFEM, NOT_CONVERGED, CHECK_FAILED) if code in codes), 0)

@@ -1,0 +1,214 @@
+"""The commands that measure the program itself and write its results: `ffsi verify`, `ffsi bench`, `ffsi paper`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from ffsi.exit_codes import worst
+from ffsi.folder import InputError
+from ffsi.scene import load_scene
+
+TableFolder = Annotated[
+    Path | None, typer.Option("--out", metavar="DIR", help="Write CSV, Markdown, pictures there.", show_default=False)
+]
+Readme = Annotated[
+    Path | None,
+    typer.Option("--readme", metavar="FILE", help="Replace this command's tables in FILE.", show_default=False),
+]
+VERIFY_OPTIONS = {"": ("levels",), "--unsteady": ("jobs", "runs"), "--long": ("jobs", "runs")}
+BENCH_OPTIONS = {
+    "": ("case", "levels", "repeat"),
+    "--scenes": ("repeat",),
+    "--mesh-motion": ("level",),
+    "--unsteady": ("repeat", "runs"),
+}
+
+
+def verify(
+    unsteady: Annotated[
+        bool,
+        typer.Option("--unsteady", help="The cases in time instead, two meshes and time steps each (takes hours)."),
+    ] = False,
+    long: Annotated[
+        bool, typer.Option("--long", help="FSI2 and FSI3 over many periods instead (takes an hour or so).")
+    ] = False,
+    levels: Annotated[
+        str | None,
+        typer.Option(
+            "--levels",
+            metavar="A,B,...",
+            help="Mesh levels of every case.",
+            show_default="0 to 3, FSI1 and flaps 0 to 4",
+        ),
+    ] = None,
+    jobs: Annotated[
+        int | None,
+        typer.Option("--jobs", min=1, help="Runs at a time, with --unsteady and --long.", show_default="1"),
+    ] = None,
+    runs: Annotated[
+        Path | None,
+        typer.Option(
+            "--runs",
+            metavar="DIR",
+            help="The run folders of --unsteady and --long; a second call goes on.",
+            show_default="runs/verify",
+        ),
+    ] = None,
+    out: TableFolder = None,
+    readme: Readme = None,
+) -> None:
+    """Run every case that has published values on several meshes and print the errors (takes minutes).
+
+    Exit codes: 0 all runs solved and checked, else as `ffsi run`; errors against published values do not count.
+    """
+    kind = _kind({"--unsteady": unsteady, "--long": long})
+    options = _options("verify", kind, VERIFY_OPTIONS, {"levels": levels, "jobs": jobs, "runs": runs})
+    options |= {name: value for name, value in {"out": out, "readme": readme}.items() if value is not None}
+    if unsteady:
+        from ffsi.verification.periodic import main as verify_periodic
+
+        raise typer.Exit(worst(verify_periodic(**options)))
+    if long:
+        from ffsi.verification.long import main as verify_long
+
+        raise typer.Exit(worst(verify_long(**options)))
+    from ffsi.verification import main as verify_all
+
+    raise typer.Exit(worst(verify_all(_levels(levels) if levels is not None else None, out, readme)))
+
+
+def bench(
+    scenes: Annotated[
+        bool,
+        typer.Option(
+            "--scenes", help="Cost ratios of every steady scene near 30 000 unknowns instead, and formulations."
+        ),
+    ] = False,
+    mesh_motion: Annotated[
+        bool, typer.Option("--mesh-motion", help="How far each mesh motion carries the flap instead, and its cost.")
+    ] = False,
+    unsteady: Annotated[
+        bool, typer.Option("--unsteady", help="What a time step of FSI3 at full swing costs instead (minutes).")
+    ] = False,
+    case: Annotated[str | None, typer.Option("--case", help="The case to measure.", show_default="turek-fsi1")] = None,
+    levels: Annotated[
+        str | None,
+        typer.Option("--levels", metavar="A,B,...", help="Mesh levels, separated by commas.", show_default="0,1,2,3,4"),
+    ] = None,
+    level: Annotated[
+        int | None,
+        typer.Option("--level", min=0, max=4, help="Mesh level, with --mesh-motion.", show_default="1"),
+    ] = None,
+    repeat: Annotated[
+        int | None, typer.Option("--repeat", min=1, help="Runs per level or scene; medians.", show_default="1")
+    ] = None,
+    runs: Annotated[
+        Path | None,
+        typer.Option(
+            "--runs",
+            metavar="DIR",
+            help="The run folders of --unsteady; a second call finds the developed motion there.",
+            show_default="runs/bench-unsteady",
+        ),
+    ] = None,
+    out: TableFolder = None,
+    readme: Readme = None,
+) -> None:
+    """Measure error against seconds, and what assembly costs beside one factorisation, over the mesh levels.
+
+    Exit codes: as `ffsi run`, but where a mesh motion ends is a result: 3 only if no mesh motion solved any point.
+    """
+    kind = _kind({"--scenes": scenes, "--mesh-motion": mesh_motion, "--unsteady": unsteady})
+    given = {"case": case, "levels": levels, "level": level, "repeat": repeat, "runs": runs}
+    options = _options("bench", kind, BENCH_OPTIONS, given)
+    options |= {name: value for name, value in {"out": out, "readme": readme}.items() if value is not None}
+    if scenes:
+        from ffsi.bench.scenes import main as measure_scenes
+
+        raise typer.Exit(worst(measure_scenes(**options)))
+    if mesh_motion:
+        from ffsi.bench.mesh_motion import main as measure_motions
+
+        raise typer.Exit(worst(measure_motions(**options)))
+    if unsteady:
+        from ffsi.bench.unsteady import main as measure_steps
+
+        raise typer.Exit(worst(measure_steps(**options)))
+    from ffsi.bench import main as measure
+
+    name = options.pop("case", "turek-fsi1")
+    load_scene(name, [])
+    raise typer.Exit(worst(measure(_levels(options.pop("levels", "0,1,2,3,4")), name, **options)))
+
+
+def paper(
+    cases: Annotated[
+        str | None,
+        typer.Option("--cases", metavar="A,B,...", help="Numbers of the paper's cases.", show_default="1,2,3"),
+    ] = None,
+    level: Annotated[int, typer.Option("--level", help="Mesh level, 0 to 4.")] = 2,
+    jobs: Annotated[int, typer.Option("--jobs", min=1, help="Sweeps at a time.")] = 1,
+    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Write CSV, PNG, paper.md there.")] = Path(
+        "results/paper"
+    ),
+    runs: Annotated[Path, typer.Option("--runs", metavar="DIR", help="The sweeps; a second call resumes them.")] = Path(
+        "runs/paper"
+    ),
+) -> None:
+    """Reproduce the paper's sections 5.1 to 5.3: figures 3 to 14 and their tables (takes minutes).
+
+    Exit codes: as `ffsi run`, but where a sweep ends is a result: 3 only if a sweep has solved no point.
+    """
+    from ffsi.paper import main as reproduce
+
+    numbers = _numbers("--cases", cases) if cases is not None else None
+    raise typer.Exit(worst(reproduce(numbers, level=level, jobs=jobs, out=out, runs=runs)))
+
+
+def _kind(flags: Mapping[str, bool]) -> str:
+    """Return the flag that was given, empty if none was.
+
+    Raises:
+        InputError: several were.
+    """
+    given = [name for name, value in flags.items() if value]
+    if len(given) > 1:
+        raise InputError(f"give either {given[0]} or {given[1]}, not both")
+    return given[0] if given else ""
+
+
+def _options(
+    command: str, kind: str, accepted: Mapping[str, tuple[str, ...]], given: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Return the options that were given.
+
+    Raises:
+        InputError: one that this kind of the command does not have.
+    """
+    there = {name: value for name, value in given.items() if value is not None}
+    if wrong := [name for name in there if name not in accepted[kind]]:
+        raise InputError(f"{f'ffsi {command} {kind}'.strip()} has no option --{wrong[0]}")
+    return there
+
+
+def _levels(text: str) -> list[int]:
+    """Read mesh levels such as `0,1,2`."""
+    numbers = _numbers("--levels", text)
+    if min(numbers) < 0 or max(numbers) > 4:
+        raise InputError(f"--levels: mesh levels go from 0 to 4, not {text!r}")
+    return numbers
+
+
+def _numbers(option: str, text: str) -> list[int]:
+    """Read integers such as `0,1,2`."""
+    try:
+        numbers = [int(item) for item in text.split(",")]
+    except ValueError:
+        raise InputError(f"{option} takes integers separated by commas such as 1,2, not {text!r}") from None
+    if len(set(numbers)) < len(numbers):
+        raise InputError(f"{option}: a number occurs twice in {text!r}")
+    return numbers

@@ -1,0 +1,109 @@
+"""`ffsi bench --unsteady`: where steps start from, which of them count, ratios, files."""
+
+import math
+
+import pandas as pd
+import pytest
+from test_cli import call
+
+from ffsi import folder
+from ffsi.bench import unsteady as bench
+from ffsi.folder import InputError
+from ffsi.scene import load_scene
+
+README = "<!-- bench-unsteady:begin -->\nold\n<!-- bench-unsteady:end -->\n"
+SIZE = bench.Size("small", 900, ("mesh.level=0", "inflow.ramp=0.1", "time.checkpoint_interval=0.25"), 0.02)
+
+
+@pytest.fixture
+def short(monkeypatch):
+    monkeypatch.setattr(bench, "DEVELOPED", 1.0)
+    monkeypatch.setattr(bench, "STEPS", {"condensed": 20, "newton": 4})
+
+
+START = bench.Steps({"failure": ""}, phases=dict.fromkeys(bench.SOLVER, 0.01))
+
+
+def steps(seconds: list[float], **changes: object) -> bench.Steps:
+    data = {"failure": "", "unknowns": 13000, "triangles": 1400}
+    return bench.Steps(data | changes, seconds, 3.0, 0.02, dict.fromkeys(bench.SOLVER, 0.31), 0.03)
+
+
+def test_meshes_steps_and_bounds_are_the_stated_ones():
+    assert [(size.unknowns, size.bound) for size in bench.SIZES] == [(13_000, 0.12), (30_000, 0.28)]
+    for step in ("condensed", "newton"):
+        scene = bench.SIZES[0].scene(5.5, step)
+        assert (scene.time.step, scene.time.end, scene.time.stop, scene.solver.step) == (0.005, 5.5, "end", step)
+
+
+def test_steps_start_from_the_developed_motion_and_its_ends_do_not_count(tmp_path, in_time, check, short, capsys):
+    readme = tmp_path / "README.md"
+    readme.write_text(README)
+    given = {"repeat": 2, "out": tmp_path / "out", "runs": tmp_path / "runs", "sizes": [SIZE]}
+    assert bench.main(readme=readme, **given) == [""] * 6
+    assert in_time.first_steps == [1, *[201] * 5]
+    developed = load_scene(str(tmp_path / "runs/small-developed/scene.toml"), [])
+    for name, count in (("condensed-0", 2), ("condensed-2", 22), ("newton-1", 6)):
+        directory = tmp_path / f"runs/small-{name}"
+        assert len(pd.read_csv(directory / "history.csv")) == 200 + count
+        scene = load_scene(str(directory / "scene.toml"), [])
+        assert scene.solver.step == name[:-2]
+        assert scene.mesh == developed.mesh
+    condensed, newton = (row for _, row in pd.read_csv(tmp_path / "out/bench-unsteady.csv").iterrows())
+    assert (condensed["steps"], newton["steps"], condensed["runs"]) == (20, 4, 2)
+    assert condensed["median_seconds"] == pytest.approx(0.01)
+    # New factors in the steps 201, 211, 221; the first and the last step do not count.
+    assert condensed["rebuilds_per_100_steps"] == pytest.approx(100 * 2 / 20)
+    assert condensed["ratio"] == pytest.approx(1.0)
+    assert math.isnan(newton["ratio"])
+    assert "Written by `ffsi bench --unsteady --repeat 2`" in readme.read_text()
+    assert "| 900 | condensed | 0.010 | 0.010 | 0.02 | 1.0 ! |" in readme.read_text()
+    assert "plain Newton" in capsys.readouterr().out
+    assert bench.main(**given) == [""] * 6
+    assert in_time.first_steps[6:] == [201] * 5
+
+
+def test_medians_means_and_ratio():
+    rows = [
+        bench.row(SIZE, "condensed", [steps([0.01, 0.01, 0.04]), steps([0.03] * 3), steps([0.02] * 3)], START),
+        bench.row(SIZE, "newton", [steps([0.4] * 3)], START),
+    ]
+    assert rows[0]["median_seconds"] == pytest.approx(0.02)
+    assert rows[0]["mean_seconds"] == pytest.approx(0.02)
+    assert rows[0]["largest_seconds"] == pytest.approx(0.03)
+    assert rows[0]["iterations_per_step"] == 3
+    assert rows[0]["residual_seconds"] == pytest.approx(0.1)
+    rows[0]["ratio"] = 20.0
+    body = bench.table(rows, [SIZE]).body
+    assert body[0][:6] == ["13000", "condensed", "0.020", "0.020", "0.02", "20.0"]
+    assert body[1][:6] == ["13000", "plain Newton", "0.400", "0.400", "–", "–"]
+    slow = bench.row(SIZE, "condensed", [steps([0.021] * 3)], START)
+    assert bench.table([slow], [SIZE]).body[0][2:4] == ["0.021 !", "0.021 !"]
+
+
+def test_a_failed_run_is_a_row_and_leaves_the_readme_alone(tmp_path, in_time, check, short, capsys):
+    readme = tmp_path / "README.md"
+    readme.write_text(README)
+    in_time.fail = 205
+    given = {"out": tmp_path / "out", "runs": tmp_path / "runs", "sizes": [SIZE]}
+    assert bench.main(readme=readme, **given) == ["", "", "not-converged", "", "not-converged"]
+    assert readme.read_text() == README
+    assert pd.read_csv(tmp_path / "out/bench-unsteady.csv")["status"].tolist() == ["failed", "failed"]
+    assert "small, plain Newton: no step" in capsys.readouterr().err
+
+
+def test_without_a_checkpoint_there_is_nothing_to_start_from(tmp_path, in_time, check, short):
+    bench.develop(SIZE, tmp_path)
+    for name in folder.CHECKPOINTS:
+        (tmp_path / "small-developed" / name).unlink(missing_ok=True)
+    with pytest.raises(InputError, match="holds no checkpoint"):
+        bench.measure(SIZE, "newton", 4, tmp_path / "small-developed", tmp_path / "newton")
+
+
+def test_the_command_line(capsys, monkeypatch):
+    seen = []
+    monkeypatch.setattr(bench, "main", lambda **given: seen.append(given) or [""])
+    assert call(capsys, "bench", "--unsteady", "--repeat", "3")[0] == 0
+    assert seen == [{"repeat": 3}]
+    code, _, err = call(capsys, "bench", "--unsteady", "--level", "1")
+    assert (code, "ffsi bench --unsteady has no option --level" in err) == (2, True)
