@@ -104,12 +104,16 @@ def test_a_windkessel_follows_its_equation(run):
         rate, pressure = exact(scene, history["time"].to_numpy())
         np.testing.assert_allclose(history["flow_rate_out"], rate, atol=1e-9)
         errors.append(np.abs(history["outlet_pressure"] - pressure).max())
-        steps = result.saved_steps
-        at = history.set_index("step_number" if "step_number" in history else history.index + 1)
-        for saved in steps:
-            expected = at.loc[saved.step, "outlet_pressure"] - 60 * at.loc[saved.step, "flow_rate_out"]
-            assert saved.windkessel[1] == pytest.approx(expected, rel=1e-9)
-            assert saved.windkessel[0] != saved.windkessel[1]
+        free = run(rigid(inflow=RAMPED, time=time))
+        for saved, other in zip(result.saved_steps, free.saved_steps, strict=True):
+            # rows of the history at the step's end and start
+            (_, before), (_, now) = history.iloc[saved.step - 2 : saved.step].iterrows()
+            states = [row["outlet_pressure"] - 60 * row["flow_rate_out"] for row in (before, now)]
+            assert saved.windkessel == pytest.approx(states, rel=1e-9)
+            # the step sees the weighted pressure, all of it a constant
+            difference = result.fields_of(saved).pressure - free.fields_of(other).pressure
+            behind = saved.theta * now["outlet_pressure"] + (1 - saved.theta) * before["outlet_pressure"]
+            np.testing.assert_allclose(difference, behind, rtol=1e-8)
     assert errors[0] < 5e-4 * 6.5
     assert errors[0] / errors[1] == pytest.approx(4, abs=0.4)  # second order
 
