@@ -12,14 +12,14 @@ from ffsi.scene.errors import Problem, names, short
 from ffsi.scene.units import Compliance, NonNegativeNumber, NonNegativeResistance, Resistance, Stress
 
 # Keys of each kind, the needed ones first, then those that may be given.
-_KEYS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
+KEYS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "do-nothing": ((), ()),
     "zero-traction": ((), ()),
     "pressure": (("pressure",), ()),
     "resistance": (("resistance",), ("pressure",)),
     "windkessel": (("proximal_resistance", "distal_resistance", "compliance"), ("pressure",)),
 }
-_ALL = ("pressure", "resistance", "proximal_resistance", "distal_resistance", "compliance")
+PRESSURES = {key for keys in KEYS.values() for key in (*keys[0], *keys[1])}
 
 
 class Outlet(Table):
@@ -51,23 +51,23 @@ class Outlet(Table):
     @model_validator(mode="after")
     def _fits(self) -> Self:
         refuse(list(self._problems()))
-        if self.pressure is None and "pressure" in _KEYS[self.kind][1]:
+        if self.pressure is None and "pressure" in KEYS[self.kind][1]:
             # Still under construction: the only place where a value of an outlet is set.
             object.__setattr__(self, "pressure", 0.0)
         return self
 
     def _problems(self) -> Iterator[Problem]:
-        needed, optional = _KEYS[self.kind]
+        needed, optional = KEYS[self.kind]
         for key in needed:
             if getattr(self, key) is None:
                 yield Problem(key, f"missing; {type(self).model_fields[key].description}")
-        for key in _ALL:
+        for key in sorted(PRESSURES):
             value = getattr(self, key)
             if value is not None and key not in (*needed, *optional):
-                kinds = names(kind for kind, keys in _KEYS.items() if key in (*keys[0], *keys[1]))
+                kinds = names(kind for kind, keys in KEYS.items() if key in (*keys[0], *keys[1]))
                 yield Problem(key, f'not accepted with the kind "{self.kind}", only with {kinds}', short(value))
 
     @property
     def has_pressure(self) -> bool:
         """Whether there is a pressure behind the outlet."""
-        return bool(_KEYS[self.kind][0])
+        return bool(KEYS[self.kind][0])

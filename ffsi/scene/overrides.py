@@ -20,6 +20,7 @@ from ffsi.scene.materials import (
     Elastic,
 )
 from ffsi.scene.model import Scene
+from ffsi.scene.outlet import KEYS, PRESSURES
 
 _KEY = re.compile(r"[A-Za-z0-9_-]+(\.[A-Za-z0-9_-]+)*")
 
@@ -58,7 +59,7 @@ def with_values(scene: Scene, values: Mapping[str, Any]) -> Scene:
             Constants among the new values win. The way back needs the constants that are then missing.
             A new velocity of the inflow (mean_velocity, peak_velocity or flow_rate) replaces the one in use, so does a
             new waveform (waveform, waveform_file or series, with their period).
-            A new viscosity law, too, keeps the constants that it knows.
+            A new viscosity law, too, keeps the constants that it knows, so does a new kind of outlet.
 
     Raises:
         SceneError: a key or value is not valid.
@@ -73,6 +74,10 @@ def with_values(scene: Scene, values: Mapping[str, Any]) -> Scene:
             problems += _adapt_solid(f"solid.{name}.", solid, values, table["solid"][name])
     if "inflow" in table and "inflow" not in values:
         _adapt_inflow(values, table["inflow"])
+    kind = values.get("outlet.kind")
+    if "outlet" in table and isinstance(kind, str) and kind in KEYS:
+        for key in PRESSURES - {key for keys in KEYS[kind] for key in keys}:
+            table["outlet"].pop(key, None)
     law = values.get("fluid.law")
     if isinstance(law, str) and law in LAWS and "fluid" in table:
         for key in table["fluid"].keys() - LAWS[law].model_fields.keys():
@@ -87,7 +92,7 @@ def with_values(scene: Scene, values: Mapping[str, Any]) -> Scene:
 def _adapt_inflow(values: Mapping[str, Any], table: dict[str, Any]) -> None:
     """Remove from the inflow's table what the new values replace: the velocity, or the waveform with its period."""
     for alternatives, unused in ((VELOCITIES, ()), (WAVEFORMS, ("period",))):
-        if any(values.get(f"inflow.{key}") is not None for key in alternatives):
+        if any(f"inflow.{key}" in values for key in alternatives):
             for key in (*alternatives, *unused):
                 table.pop(key, None)
 

@@ -98,6 +98,7 @@ def test_the_factor_of_a_named_waveform_and_its_period():
     assert with_values(slow, {"inflow.waveform": "sinus"}).inflow.period == 1
     formula = with_values(slow, {"inflow.waveform": "cos(t)"}).inflow
     assert formula.period is formula.fourier is None
+    assert with_values(slow, {"time": None, "inflow.ramp": None, "inflow.waveform": None}).inflow.period is None
     assert pulsatile("inflow.waveform=1 + sin(pi*t)", "inflow.period=2").inflow.period == 2
 
 
@@ -243,6 +244,16 @@ def test_outlets_in_units():
     )
     assert (outlet.proximal_resistance, outlet.compliance, outlet.has_pressure) == (1000.0, 2e-9, True)
     assert not Outlet(kind="do-nothing", backflow=0.2).has_pressure
+
+
+def test_a_new_kind_keeps_the_keys_that_it_knows():
+    keys = {"proximal_resistance": 1, "distal_resistance": 2, "compliance": 3, "pressure": 4, "backflow": 0.5}
+    outlet = {f"outlet.{key}": value for key, value in keys.items()} | {"outlet.kind": "windkessel"}
+    scene = with_values(CASES["turek-cfd1"], outlet)
+    back = with_values(scene, {"outlet.kind": "resistance", "outlet.resistance": 7})
+    assert back.outlet == Outlet(kind="resistance", resistance=7, pressure=4, backflow=0.5)
+    assert with_values(back, {"outlet.kind": "do-nothing"}).outlet == Outlet(kind="do-nothing", backflow=0.5)
+    assert with_values(CASES["turek-cfd1"], {"outlet.kind": "resistance", "outlet.resistance": 7}).outlet.pressure == 0
 
 
 # Support -----------------------------------------------------------------------------------------------------------
