@@ -30,9 +30,11 @@ STEPS_JSON = "steps.json"
 STATES = "state-*.bin"
 CHECKPOINTS = ("checkpoint-a.bin", "checkpoint-b.bin")
 STOP = "stop"
+WALL = "wall.csv"
+WALL_CYCLES = "wall-*.bin"
 SERIES = "fields.pvd"
 LOGS = "freefem-*.log"
-IN_TIME = (TIME_HISTORY, STEPS, STATES, *CHECKPOINTS)
+IN_TIME = (TIME_HISTORY, STEPS, STATES, WALL_CYCLES, *CHECKPOINTS)
 # What a run starts from.
 DEFINITION = (SCRIPT, SCENE, CHAIN, MESH_INPUT)
 PICTURES = ("velocity", "pressure", "displacement")
@@ -57,6 +59,8 @@ _OURS = (
     LOGS,
     "point-*.json",
     "point-*.bin",
+    WALL,
+    "wall-????.csv",
     "fields*.vtu",
     *(f"{name}*.png" for name in PICTURES),
     *(f"{name}.gif" for name in PICTURES),

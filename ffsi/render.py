@@ -179,6 +179,7 @@ def _context(scene: Scene, mumps: bool) -> dict[str, Any]:
         "curved": curved,
         "curved_mesh": [b for b in outline if b.circle or b.curved],
         "strut_label": STRUTS,
+        "wall_labels": _labels(outline, "no-slip", "interface"),
         "inlet": scene.geometry.inlet if fluid and isinstance(scene.geometry, ChannelGeometry) else None,
         "inlet_labels": _labels(outline, "inlet"),
         "through_labels": _labels(outline, "inlet", "outlet"),

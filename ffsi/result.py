@@ -195,6 +195,29 @@ class Result:
         raw = read_state(self.directory / state, self._raw_mesh)
         return AneurysmState(self.scene, self._raw_mesh, raw, self._read_fields(state))
 
+    @property
+    def wall(self) -> pd.DataFrame | None:
+        """Stress along the walls, one row per edge: in time over each written cycle, else of an aneurysm's state.
+
+        Columns: see `hemodynamics.cycles.cycle_tables` and `hemodynamics.state.AneurysmState.wall`; None without any.
+        """
+        from ffsi.hemodynamics import cycles, indices
+
+        if self.scene.output.wall is not None:
+            found = indices.read_cycles(self.directory)
+            return cycles.cycle_tables(self.scene, self._raw_mesh, found) if found else None
+        if self.state_file is None or not isinstance(self.scene.geometry, Aneurysm):
+            return None
+        return self.aneurysm.wall
+
+    @property
+    def cycles(self) -> list[dict[str, Any]]:
+        """Indices of the wall shear stress in each written cycle (`hemodynamics.cycles.cycle_summary`); often none."""
+        from ffsi.hemodynamics import cycles, indices
+
+        found = indices.read_cycles(self.directory)
+        return cycles.cycle_summary(self.scene, self._raw_mesh, found) if found else []
+
     def wall_data(self, state: str) -> dict[str, FloatArray]:
         """Return point data of a saved state beside its fields: wall shear and effective stress of an aneurysm, Pa."""
         return self.aneurysm_at(state).point_data if isinstance(self.scene.geometry, Aneurysm) else {}

@@ -234,6 +234,9 @@ class _Point:
             data["quantities"] |= self._of_aneurysm(data)
         if self.scene.time is not None:
             unsteady.complete(data, self.scene, self.directory)
+            if self.scene.output.wall and (cycles := Result(self.scene, self.directory, data).cycles):
+                data["cycles"] = cycles
+                data["quantities"] |= {key: value for key, value in cycles[-1].items() if "_" in key}
         return data
 
     def _of_aneurysm(self, data: dict[str, Any]) -> dict[str, float]:
@@ -277,6 +280,8 @@ class _Point:
             vtu.write_series(self.directory, steps)
         if data["state"] is None:
             return
+        if (wall := result.wall) is not None:
+            folder.write_text(self.file(folder.WALL), wall.to_csv(index=False))
         from ffsi.report import figures
 
         if output.vtu and (not result.saved_steps or data["failure"] == "not-converged"):

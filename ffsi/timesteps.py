@@ -20,6 +20,7 @@ logger = logging.getLogger(__name__)
 
 CHECKPOINT_VERSION = 2
 _STATES, _PER_FACTORS = 4, 3  # arrays of the last states, and for each set of kept factors
+_WALL = 4  # arrays of the wall shear stress, where it is summed
 _SAME = 1e-9
 _WINDKESSEL = ("windkessel_old", "windkessel_new")
 
@@ -172,7 +173,7 @@ def _read_checkpoint(path: Path) -> Checkpoint | None:
     whole = (
         len(head) > 5
         and int(head[0]) == CHECKPOINT_VERSION
-        and len(arrays) == _STATES + _PER_FACTORS * int(head[5])
+        and len(arrays) - _STATES - _PER_FACTORS * int(head[5]) in (0, _WALL)
         and mark.tolist() == [int(head[1])]
         and all(len(state) == int(head[2]) and bool(np.isfinite(state).all()) for state in states)
     )

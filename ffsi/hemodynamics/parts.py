@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from ffsi.hemodynamics.walls import WallPoints
+from ffsi.scene import Scene, boundaries
 from ffsi.scene.boundaries import DOME_WALL, STRUTS
 from ffsi.scene.geometry import Aneurysm
 
@@ -63,3 +65,23 @@ def over_parts(geometry: Aneurysm, points: WallPoints, values: Floats, length: F
             mean = float(np.average(fine.ravel()[part == name], weights=weight[part == name]))
             found[name] = {"mean": mean, "max": float(at.max()), "min": float(at.min())}
     return found
+
+
+def wall_frame(scene: Scene, points: WallPoints) -> pd.DataFrame:
+    """Return where the points of the walls lie: `line`, `arc` (m), `x`, `y` (m), `part`.
+
+    Of an aneurysm `line` is "dome" for the outer wall with the dome in its middle, from the inlet to the outlet,
+    "inner" for the vessel's inner wall, from the outlet to the inlet, "stent" for the struts. Elsewhere it is the
+    number of the connected line of edges, and the part is the boundary's name.
+    """
+    if isinstance(scene.geometry, Aneurysm):
+        with_dome = np.unique(points.chain[points.label == DOME_WALL])
+        line = np.where(points.label >= STRUTS, "stent", "inner")
+        line = np.where(np.isin(points.chain, with_dome), "dome", line)
+        part = part_of(scene.geometry, points.label, points.position)
+    else:
+        names = {boundary.label: boundary.name for boundary in boundaries(scene)}
+        line = points.chain.astype(str)
+        part = np.array([names[label] for label in points.label.tolist()])
+    x, y = points.position.T
+    return pd.DataFrame({"line": line, "arc": points.arc, "x": x, "y": y, "part": part})

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ffsi.fields import Fields
 from ffsi.hemodynamics.flow import dome_flow, rates
-from ffsi.hemodynamics.parts import over_parts, part_of
+from ffsi.hemodynamics.parts import over_parts, wall_frame
 from ffsi.hemodynamics.stress import effective_stress
 from ffsi.hemodynamics.walls import WallPoints, deformed_length, wall_labels, wall_points, wall_shear_stress
 from ffsi.rawfiles import RawMesh, RawState
@@ -64,7 +64,7 @@ class AneurysmState:
     def wall(self) -> pd.DataFrame:
         """The walls as a table: `line`, `arc` (m), `x`, `y` (m), `part`, `wss_x`, `wss_y`, `wss`, `pressure` (Pa)."""
         points, tau = self.points, self.wall_shear_stress
-        return wall_frame(self.geometry, points).assign(
+        return wall_frame(self.scene, points).assign(
             wss_x=tau[:, 0], wss_y=tau[:, 1], wss=np.hypot(*tau.T), pressure=self.fields.pressure[points.middle]
         )
 
@@ -106,26 +106,6 @@ class AneurysmState:
     @cached_property
     def _lengths(self) -> Floats:
         return deformed_length(self.points, self.state)
-
-
-def wall_frame(geometry: Aneurysm, points: WallPoints) -> pd.DataFrame:
-    """Return where the points of the walls lie: `line`, `arc` (m), `x`, `y` (m), `part`.
-
-    `line` is "dome" for the outer wall with the dome in its middle, from the inlet to the outlet, "inner" for the
-    vessel's inner wall, from the outlet to the inlet, "stent" for the struts.
-    """
-    names = np.where(points.label >= 20, "stent", "inner")
-    on_dome = np.unique(points.chain[points.label == DOME_WALL])
-    names = np.where(np.isin(points.chain, on_dome), "dome", names)
-    return pd.DataFrame(
-        {
-            "line": names,
-            "arc": points.arc,
-            "x": points.position[:, 0],
-            "y": points.position[:, 1],
-            "part": part_of(geometry, points.label, points.position),
-        }
-    )
 
 
 def near_corners(geometry: Aneurysm, position: Floats) -> NDArray[np.bool_]:

@@ -112,6 +112,7 @@ class Scene(Table):
             self._mesh_problems(),
             self._inflow_problems(),
             self._time_problems(),
+            self._wall_problems(),
         ]
         refuse([problem for group in problems for problem in group])
         if self.inflow and isinstance(self.geometry, ChannelGeometry) and self.inflow.mean_velocity is None:
@@ -218,6 +219,14 @@ class Scene(Table):
             if bad.size and self.inflow.fourier is None:
                 text = f"not finite at t = {bad[0]:.4g} s; accepted: a formula that is defined for t from 0 to time.end"
                 yield Problem("inflow.waveform", text, short(self.inflow.waveform))
+
+    def _wall_problems(self) -> Iterator[Problem]:
+        if self.output.wall is None:
+            return
+        if self.time is None:
+            yield Problem("output.wall", "only accepted in a scene with a table time (time.step and time.end)")
+        elif self.inflow is None or self.inflow.period is None:
+            yield Problem("inflow.period", "missing; output.wall needs the length of a cycle, s")
 
     # What follows from the values ---------------------------------------------------------------------------------
 

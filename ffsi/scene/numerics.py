@@ -94,8 +94,21 @@ class Solver(Table):
     time_limit: Duration | None = Field(None, description="wall-clock time after which the run is stopped, s")
 
 
+class WallOutput(Table):
+    """Wall shear stress, summed over the cycles of the inflow."""
+
+    first_cycle: Annotated[int, Count(1, 10000)] = Field(
+        1, description="first cycle that is written; those before it belong to the start (dimensionless)"
+    )
+
+
 class Output(Table):
     """What is written beside the results."""
 
     vtu: StrictBool = Field(True, description="write fields.vtu for ParaView (true or false)")
     pictures: StrictBool = Field(True, description="write pictures of the fields (true or false)")
+    wall: WallOutput | None = Field(
+        None,
+        description="wall shear stress over each cycle (first_cycle, dimensionless); needs a table time and an inflow "
+        "with a period",
+    )

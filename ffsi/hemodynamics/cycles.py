@@ -1,0 +1,69 @@
+"""The cycles of a pulsatile flow: indices along the walls, on the parts of an aneurysm, and from cycle to cycle."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from ffsi.hemodynamics.indices import WallCycle, change
+from ffsi.hemodynamics.parts import over_parts, wall_frame
+from ffsi.hemodynamics.walls import wall_labels, wall_points
+from ffsi.rawfiles import RawMesh
+from ffsi.scene import Aneurysm, Scene
+
+_INDICES = ("tawss", "osi", "rrt")
+
+
+def cycle_tables(scene: Scene, mesh: RawMesh, cycles: Sequence[WallCycle]) -> pd.DataFrame:
+    """Return one row per cycle and point of the walls.
+
+    Columns: `cycle`, those of `parts.wall_frame`, `tawss`, `peak` (Pa), `osi`, `rrt` (1/Pa), and `mean_x`, `mean_y`,
+    the mean of the stress over the cycle (Pa).
+
+    Args:
+        scene: the scene.
+        mesh: the reference mesh.
+        cycles: at least one.
+    """
+    points = wall_points(mesh, wall_labels(scene))
+    where = wall_frame(scene, points)
+    tables = []
+    for cycle in cycles:
+        at = cycle.at(points)
+        mean = at.integral / (at.end - at.start)
+        tables.append(
+            where.assign(
+                tawss=at.tawss, peak=at.peak, osi=at.osi, rrt=at.rrt, mean_x=mean[:, 0], mean_y=mean[:, 1]
+            ).assign(cycle=cycle.number)
+        )
+    return pd.concat(tables, ignore_index=True)
+
+
+def cycle_summary(scene: Scene, mesh: RawMesh, cycles: Sequence[WallCycle]) -> list[dict[str, Any]]:
+    """Return for each cycle its number, start and end (s), its indices by part of an aneurysm's walls, its change.
+
+    `tawss_mean_dome`, ... (Pa), `osi_mean_dome`, ..., `rrt_mean_dome`, ... (1/Pa), `wss_peak_dome` (Pa);
+    `tawss_change`: difference of TAWSS to the cycle before, its L2 norm over the walls relative to that of TAWSS;
+    `osi_change`: largest difference of OSI.
+    """
+    points = wall_points(mesh, wall_labels(scene))
+    found: list[dict[str, Any]] = []
+    before: WallCycle | None = None
+    for cycle in cycles:
+        at = cycle.at(points)
+        row: dict[str, Any] = {"number": at.number, "start": at.start, "end": at.end}
+        if isinstance(scene.geometry, Aneurysm):
+            for name in _INDICES:
+                for part, values in over_parts(scene.geometry, points, getattr(at, name), points.length).items():
+                    row |= {f"{name}_{what}_{part}": value for what, value in values.items()}
+            for part, values in over_parts(scene.geometry, points, at.peak, points.length).items():
+                row[f"wss_peak_{part}"] = values["max"]
+        if before is not None and before.number == at.number - 1:
+            row["tawss_change"] = change(before.tawss, at.tawss, points.length)
+            row["osi_change"] = float(np.abs(at.osi - before.osi).max())
+        found.append(row)
+        before = at
+    return found

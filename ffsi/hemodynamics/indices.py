@@ -1,0 +1,133 @@
+"""Indices of the wall shear stress over a cycle of the flow: TAWSS, OSI, RRT, peak."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ffsi.folder import InputError
+from ffsi.hemodynamics.walls import WallPoints
+from ffsi.rawfiles import RawFileError, read_arrays
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+_VERSION = 1
+
+
+@dataclass(frozen=True)
+class WallCycle:
+    """Sums of the wall shear stress tau over one cycle.
+
+    Attributes:
+        number: of the cycle, from 1.
+        start: time at which it begins, s.
+        end: time at which it ends, s.
+        node: (n,) P2 node of each point, in the middle of a wet edge.
+        integral: (n, 2) integral of tau, Pa s.
+        magnitude: (n,) integral of |tau|, Pa s.
+        peak: (n,) largest |tau|, Pa.
+    """
+
+    number: int
+    start: float
+    end: float
+    node: Ints
+    integral: Floats
+    magnitude: Floats
+    peak: Floats
+
+    @property
+    def tawss(self) -> Floats:
+        """Time-averaged wall shear stress (1/T) int |tau| dt, (n,) Pa; never negative."""
+        return np.asarray(self.magnitude / (self.end - self.start))
+
+    @property
+    def osi(self) -> Floats:
+        """Oscillatory shear index, (n,), 0 to 1/2."""
+        return oscillatory_shear_index(np.hypot(*self.integral.T), self.magnitude)
+
+    @property
+    def rrt(self) -> Floats:
+        """Relative residence time 1/((1 - 2 OSI) TAWSS), (n,) 1/Pa; infinite where the mean of tau is zero."""
+        return relative_residence_time(self.tawss, self.osi)
+
+    def at(self, points: WallPoints) -> WallCycle:
+        """Return the same in the order of some points of the same mesh.
+
+        Raises:
+            InputError: a point is none of the cycle's.
+        """
+        order = np.argsort(self.node)
+        place = np.minimum(np.searchsorted(self.node, points.middle, sorter=order), len(order) - 1)
+        place = order[place]
+        if not np.array_equal(self.node[place], points.middle):
+            raise InputError("the sums of the wall shear stress belong to another mesh")
+        return WallCycle(
+            self.number, self.start, self.end, points.middle, self.integral[place], self.magnitude[place],
+            self.peak[place],
+        )  # fmt: skip
+
+
+def oscillatory_shear_index(integral: ArrayLike, magnitude: ArrayLike) -> Floats:
+    """Return OSI = (1 - |int tau dt| / int |tau| dt) / 2, (n,); 0 where nothing ever flows.
+
+    Args:
+        integral: (n,) |int tau dt|, Pa s.
+        magnitude: (n,) int |tau| dt, Pa s.
+    """
+    vector, size = np.asarray(integral, dtype=float), np.asarray(magnitude, dtype=float)
+    ratio = np.divide(vector, size, out=np.ones_like(size), where=size > 0)
+    # Of one rounding above 1 where the direction never changes.
+    return np.asarray(0.5 * (1.0 - np.minimum(ratio, 1.0)))
+
+
+def relative_residence_time(tawss: ArrayLike, osi: ArrayLike) -> Floats:
+    """Return RRT = 1 / ((1 - 2 OSI) TAWSS), (n,) 1/Pa; infinite where its denominator is zero.
+
+    Args:
+        tawss: (n,) Pa.
+        osi: (n,).
+    """
+    with np.errstate(divide="ignore"):
+        return np.asarray(1.0 / ((1.0 - 2.0 * np.asarray(osi, dtype=float)) * np.asarray(tawss, dtype=float)))
+
+
+def read_cycle(path: Path) -> WallCycle:
+    """Read `wall-0003.bin` (docs/formats.md).
+
+    Raises:
+        InputError: the file is missing, cut off or of another version.
+    """
+    try:
+        head, times, node, x, y, magnitude, peak = read_arrays(path, (int, float, int, float, float, float, float))
+    except (OSError, RawFileError) as error:
+        raise InputError(f"cannot read {path}: {error}") from error
+    if len(head) != 3 or head[0] != _VERSION or len(times) != 2 or any(len(a) != head[2] for a in (node, x, y, peak)):
+        raise InputError(f"{path} is no file of the wall shear stress of this version")
+    integral = np.column_stack([x, y]).astype(np.float64)
+    sums = [array.astype(np.float64) for array in (magnitude, peak)]
+    return WallCycle(int(head[1]), float(times[0]), float(times[1]), node.astype(np.int64), integral, *sums)
+
+
+def read_cycles(directory: Path) -> list[WallCycle]:
+    """Return the cycles that a run has written, in time.
+
+    Raises:
+        InputError: a file is damaged.
+    """
+    return [read_cycle(path) for path in sorted(directory.glob("wall-*.bin"))]
+
+
+def change(before: Floats, after: Floats, weight: Floats) -> float:
+    """Return the difference of a quantity between two cycles: its norm over the walls, relative to that of the latter.
+
+    Args:
+        before: (n,) in the earlier cycle.
+        after: (n,) in the later one.
+        weight: (n,) lengths of the edges, m.
+    """
+    size = float(np.sqrt(weight @ after**2))
+    return float(np.sqrt(weight @ (after - before) ** 2)) / size if size > 0 else 0.0

@@ -1,0 +1,194 @@
+"""Aneurysm: steady flow beside Poiseuille's, stress at walls beside exact values, cycles beside their states."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import meshio
+import numpy as np
+import pytest
+from conftest import scene_of
+from scipy.integrate import quad
+
+import ffsi
+from ffsi.hemodynamics.indices import read_cycle
+from ffsi.hemodynamics.walls import wall_labels, wall_points, wall_shear_stress
+from ffsi.rawfiles import read_mesh, read_state
+from ffsi.result import Result
+from ffsi.run import solve
+from ffsi.scene import CASES, Scene
+
+COMMAND = [sys.executable, "-c", "from ffsi.cli import main; main()"]
+RADII = 6e-3, 8e-3
+FLOW_RATE, VISCOSITY = 0.1 / 3 * 2e-3, 3.5e-3
+
+
+def rigid(**tables: object) -> Scene:
+    """The aneurysm with rigid walls."""
+    table = CASES["aneurysm"].model_dump(exclude_none=True)
+    kept = {key: table[key] for key in ("name", "geometry", "fluid", "inflow", "outlet")}
+    kept["output"] = {"pictures": False, "vtu": False}
+    return Scene.model_validate(kept | {"mesh": {"level": 1}} | tables)
+
+
+@pytest.fixture(scope="module")
+def steady(tmp_path_factory) -> Result:
+    return solve(rigid(), tmp_path_factory.mktemp("rigid"), check=False)
+
+
+def annular_stress() -> tuple[float, float]:
+    """Wall shear stress (Pa) at the inner and outer wall of a fully developed flow in the bent vessel.
+
+    mu d/dr (1/r d(r v)/dr) = (1/r) dp/dtheta: v = k (r ln r + c r + d/r).
+    """
+    inner, outer = RADII
+    matrix = [[inner, 1 / inner], [outer, 1 / outer]]
+    c, d = np.linalg.solve(matrix, [-inner * np.log(inner), -outer * np.log(outer)])
+    k = FLOW_RATE / quad(lambda r: r * np.log(r) + c * r + d / r, inner, outer)[0]
+    return tuple(abs(VISCOSITY * k * (np.log(r) + 1 + c - d / r**2)) for r in RADII)
+
+
+def test_what_flows_in_flows_out(steady: Result) -> None:
+    assert steady.solved
+    assert abs(steady.quantities["mass_balance"]) < 1e-12
+    assert steady.quantities["flow_rate_in"] == pytest.approx(FLOW_RATE, rel=1e-12)
+
+
+def test_far_from_the_dome_the_stress_is_poiseuille_s(steady: Result) -> None:
+    wall = steady.wall
+    angle = np.degrees(np.arctan2(wall["y"], wall["x"]))
+    far = ((angle > 103) & (angle < 110)) | ((angle > 152) & (angle < 160))
+    for line, exact in zip(("inner", "dome"), annular_stress(), strict=True):
+        found = wall["wss"][far & (wall["line"] == line)]
+        assert len(found) > 4
+        assert (found / exact - 1).abs().max() < 0.03
+    # The flow goes from the inlet, where the dome's line begins, to the outlet.
+    dome = wall[wall["line"] == "dome"]
+    assert (dome["wss_x"].iloc[0], dome["wss_y"].iloc[-1]) < (0, 0)
+
+
+def test_in_the_dome_it_is_far_smaller(steady: Result) -> None:
+    found = steady.quantities
+    assert found["wss_mean_dome"] == pytest.approx(0.0148, rel=0.02)
+    assert found["wss_mean_vessel"] == pytest.approx(0.350, rel=0.01)
+    assert found["dome_inflow"] == pytest.approx(3.71e-6, rel=0.02)
+    assert found["turnover_time"] == pytest.approx(found["dome_area"] / found["dome_inflow"])
+
+
+def test_a_stent_keeps_the_flow_out(steady: Result, tmp_path: Path) -> None:
+    geometry = {"kind": "aneurysm", "stent": {"count": 5, "diameter": 1e-4}}
+    found = solve(rigid(geometry=geometry), tmp_path / "run", check=False).quantities
+    assert abs(found["mass_balance"]) < 1e-12
+    assert found["dome_inflow"] < 0.5 * steady.quantities["dome_inflow"]
+
+
+def test_elastic_walls(tmp_path: Path) -> None:
+    result = solve(scene_of("aneurysm", "output.vtu=true"), tmp_path / "run", check=False)
+    found = result.quantities
+    assert result.solved
+    assert abs(found["mass_balance"]) < 1e-12
+    assert 1000 < found["effective_stress_max_vessel"] == found["effective_stress_max"] < 10000
+    assert 1e-4 < found["dome_displacement_max"] < 4e-4
+    written = meshio.read(tmp_path / "run" / "fields.vtu")
+    stress = np.hypot(*written.point_data["wall_shear_stress"][:, :2].T)
+    assert stress.max() >= found["wss_max_vessel"]
+    assert written.point_data["effective_stress"].max() >= found["effective_stress_max"]
+    assert (tmp_path / "run" / "wall.csv").is_file()
+
+
+def test_wall_shear_stress_of_a_carreau_fluid_balances_the_pressure(tmp_path: Path) -> None:
+    """Plane channel, half height 1 mm, mean velocity of the pressure gradient 100 Pa/m: tau = 100 Pa/m * 1 mm."""
+    scene = Scene.model_validate({
+        "name": "carreau-channel",
+        "geometry": {"kind": "channel", "length": 11e-3, "height": 2e-3},
+        "mesh": {"level": 0, "body_size": 0.03e-3, "far_size": 0.4e-3, "growth": 0.3},
+        "fluid": {"law": "carreau", "density": 1035.0},
+        "inflow": {"mean_velocity": 0.0032008878},
+        "outlet": {"kind": "do-nothing"},
+        "output": {"pictures": False, "vtu": False},
+    })  # fmt: skip
+    result = solve(scene, tmp_path / "run", check=False)
+    assert result.data["unknowns"] < 5000
+    mesh = read_mesh(tmp_path / "run" / "mesh.bin")
+    points = wall_points(mesh, wall_labels(scene))
+    tau = wall_shear_stress(points, read_state(tmp_path / "run" / "point-0001.bin", mesh), scene.fluid)
+    middle = np.abs(points.position[:, 0] - 5.5e-3) < 1.1e-3
+    assert middle.sum() > 6
+    assert tau[middle, 0] == pytest.approx(0.1, rel=1e-4)
+
+
+# Cycles -------------------------------------------------------------------------------------------------------------
+
+
+def pulsatile(law: str = "newtonian", **time: object) -> Scene:
+    """Two and a half cycles of 0.1 s in steps that do not fit into a cycle, every state written."""
+    fluid = {"law": law, "density": 1035.0} | ({"viscosity": VISCOSITY} if law == "newtonian" else {})
+    return rigid(
+        mesh={"level": 0},
+        fluid=fluid,
+        inflow={"mean_velocity": 0.1 / 3, "waveform": "1 + 2 * sin(20 * pi * t)", "period": 0.1},
+        time={"step": 0.008, "end": 0.25, "output_interval": 0.008, **time},
+        output={"pictures": False, "vtu": False, "wall": {"first_cycle": 2}},
+    )
+
+
+@pytest.mark.parametrize("law", ["newtonian", "carreau"])
+def test_a_cycle_is_the_trapezoidal_sum_over_its_states(law: str, tmp_path: Path) -> None:
+    scene = pulsatile(law)
+    result = solve(scene, tmp_path / "run", check=False)
+    assert result.solved
+    assert [path.name for path in sorted((tmp_path / "run").glob("wall-*.bin"))] == ["wall-0002.bin"]
+    mesh = read_mesh(tmp_path / "run" / "mesh.bin")
+    points = wall_points(mesh, wall_labels(scene))
+    steps = result.saved_steps
+    times = np.array([step.time for step in steps])
+    tau = np.array([
+        wall_shear_stress(points, read_state(tmp_path / "run" / step.new, mesh), scene.fluid) for step in steps
+    ])  # fmt: skip
+    size = np.hypot(tau[..., 0], tau[..., 1])
+    # The points of the polygon within the second cycle, its ends added.
+    at = np.concatenate([[0.1], times[(times > 0.1 + 1e-9) & (times < 0.2 - 1e-9)], [0.2]])
+    polygon = np.array([[np.interp(at, times, tau[:, n, i]) for i in (0, 1)] for n in range(tau.shape[1])])
+    sizes = np.array([np.interp(at, times, size[:, n]) for n in range(tau.shape[1])])
+    weights = np.zeros(len(at))
+    weights[1:] += np.diff(at) / 2
+    weights[:-1] += np.diff(at) / 2
+    cycle = read_cycle(tmp_path / "run" / "wall-0002.bin").at(points)
+    assert (cycle.start, cycle.end) == (pytest.approx(0.1), pytest.approx(0.2))
+    scale = float((sizes @ weights).max())
+    assert cycle.integral == pytest.approx(polygon @ weights, abs=1e-9 * scale)
+    assert cycle.magnitude == pytest.approx(sizes @ weights, abs=1e-9 * scale)
+    assert cycle.peak == pytest.approx(sizes.max(axis=1), abs=1e-9 * sizes.max())
+    found = result.quantities
+    assert 0.05 < found["osi_max_vessel"] < 0.5  # the flow turns around
+    assert found["tawss_mean_dome"] < found["tawss_mean_vessel"] < found["wss_peak_vessel"]
+    assert set(result.wall["cycle"]) == {2}
+
+
+def test_the_sums_survive_a_kill(tmp_path: Path) -> None:
+    scene = pulsatile(output_interval=0.25, checkpoint_interval=0.04)
+    whole = solve(scene, tmp_path / "whole", check=False)
+    toml = tmp_path / "scene.toml"
+    toml.write_text(scene.to_toml())
+    run = tmp_path / "run"
+    words = [*COMMAND, "run", str(toml), "--out", str(run), "--no-check"]
+    process = subprocess.Popen(words, start_new_session=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    history = run / "history.csv"
+    while not history.is_file() or len(history.read_text().splitlines()) <= 17:
+        assert process.poll() is None
+        time.sleep(0.001)
+    os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+    time.sleep(0.3)
+    assert ffsi.resume(run, check=False).solved
+    assert (run / "wall-0002.bin").read_bytes() == (whole.directory / "wall-0002.bin").read_bytes()
+
+
+def test_output_wall_needs_a_cycle() -> None:
+    with pytest.raises(ffsi.SceneError, match=r"inflow\.period"):
+        rigid(time={"step": 0.1, "end": 1.0}, output={"wall": {}})
+    with pytest.raises(ffsi.SceneError, match=r"output\.wall"):
+        rigid(output={"wall": {}})
