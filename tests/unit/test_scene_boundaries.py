@@ -95,12 +95,13 @@ OUTLINES: dict[str, dict[str, list[Points]]] = {
     "cylinder-2d2": {"fluid": [box(0, 0, 2.2, 0.41), arc(0.2, 0.2, 0.05, 0, 360)]},
     "aneurysm": ANEURYSM,
     "aneurysm-carreau": ANEURYSM,
+    "aneurysm-pulsatile": ANEURYSM,
     "cook": {"membrane": [[(0, 0), (48, 44), (48, 60), (0, 44)]]},
     "cantilever": {"beam": [box(0, 0, 1, 0.01)]},
 }
 
 # The labels around a region.
-WITH_SHARED_SIDES = {"aneurysm", "aneurysm-carreau"}
+WITH_SHARED_SIDES = {"aneurysm", "aneurysm-carreau", "aneurysm-pulsatile"}
 WET, DRY = {1, 2, 3, 4, 5, 8, 9, 10, 13, 14, 15}, {5, 6, 7, 12}
 SIDES = {name: {"fluid": WET, "flap": {5, 6}, "roof": {7, 10, 11}} for name in OUTLINES if name.endswith("-roof")}
 
@@ -139,6 +140,9 @@ ROLES = {
     ],
     "aneurysm": ANEURYSM_ROLES,
     "aneurysm-carreau": ANEURYSM_ROLES,
+    "aneurysm-pulsatile": [
+        (label, "supported" if label == 7 else role, part) for label, role, part in ANEURYSM_ROLES
+    ],
     "cook": LOADED_ROLES,
     "cantilever": LOADED_ROLES,
 }  # fmt: skip
@@ -225,6 +229,7 @@ def test_every_arc_has_its_circle() -> None:
         "cavity-flexible-floor": {8: (1.75, -0.25, 0.25), 9: (6.25, -0.25, 0.25)},
         "aneurysm": {13: (0.0, 0.0, 0.006), 14: (0.0, 0.0, 0.008)},
         "aneurysm-carreau": {13: (0.0, 0.0, 0.006), 14: (0.0, 0.0, 0.008)},
+        "aneurysm-pulsatile": {13: (0.0, 0.0, 0.006), 14: (0.0, 0.0, 0.008)},
     }
 
 
@@ -266,6 +271,7 @@ def test_tips() -> None:
         "cavity-flexible-floor": (4.0, -1.0),
         "aneurysm": (-7.7481e-3, 6.519e-3),
         "aneurysm-carreau": (-7.7481e-3, 6.519e-3),
+        "aneurysm-pulsatile": (-7.7481e-3, 6.519e-3),
         "cook": (48.0, 60.0),
         "cantilever": (1.0, 0.005),
     }

@@ -44,6 +44,7 @@ PHYSICS = {
     "cavity-flexible-floor": "fsi",
     "aneurysm": "fsi",
     "aneurysm-carreau": "fsi",
+    "aneurysm-pulsatile": "fsi",
     "cook": "solid",
     "cantilever": "solid",
 }
@@ -56,7 +57,7 @@ def svk(**values: object) -> StVenantKirchhoff:
 def test_catalogue_physics_and_levels() -> None:
     assert {name: scene.physics for name, scene in CASES.items()} == PHYSICS
     assert list(CASES) == list(PHYSICS)
-    in_time = {"turek-cfd3", "turek-csm3", "turek-fsi2", "turek-fsi3", "cylinder-2d2"}
+    in_time = {"turek-cfd3", "turek-csm3", "turek-fsi2", "turek-fsi3", "cylinder-2d2", "aneurysm-pulsatile"}
     assert list(STEADY_CASES) == [name for name in PHYSICS if name not in in_time]
     assert all(scene.steady == (name not in in_time) for name, scene in CASES.items())
     assert all(name == scene.name and scene.description for name, scene in CASES.items())
