@@ -27,7 +27,8 @@ BLOCK = 2
 """Periods of one of the two blocks that `periodic` compares."""
 
 _REFERENCES = ("tip_uy", "lift")
-_NO_QUANTITIES = frozenset({"time", "step", "iterations", "factorized", "min_jacobian", "seconds"})
+_ENERGIES = ("kinetic", "elastic", "dissipated", "work")
+_NO_QUANTITIES = frozenset({"time", "step", "iterations", "factorized", "min_jacobian", "seconds", *_ENERGIES})
 
 # A crossing of the mean counts if the signal was this part of its amplitude below and is now as much above.
 _THRESHOLD = 0.5

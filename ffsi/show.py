@@ -125,7 +125,12 @@ def time_line(in_time: Mapping[str, Any]) -> str:
     """Return how far a computation in time came, and whether it is periodic."""
     why_not = f" ({in_time['why_not']})" if in_time.get("why_not") else ""
     ending = "periodic" if in_time["periodic"] else f"not periodic{why_not}"
-    return f"t = {in_time['reached']:g} of {in_time['end']:g} s, {in_time['steps']} steps, {ending}"
+    return f"t = {in_time['reached']:g} of {in_time['end']:g} s, {in_time['steps']} steps, {ending}{_energy(in_time)}"
+
+
+def _energy(in_time: Mapping[str, Any]) -> str:
+    balance = in_time.get("energy") or {}
+    return f", energy balance within {abs(balance['imbalance']):.1e}" if balance else ""
 
 
 def check_line(check: Mapping[str, Any], failures: Sequence[str]) -> str:

@@ -158,7 +158,7 @@ def complete(data: dict[str, Any], scene: Scene, directory: Path) -> None:
     data["newton"] = _counts(directory, history)
     data["time"] = {
         "reached": reached, "end": scene.time.end, "steps": len(history), **_periodicity(scene, directory, history),
-        "last": last,
+        "last": last, "energy": energy_balance(history),
     }  # fmt: skip
     ended = reached >= scene.time.end * (1.0 - 1e-9)
     if not data["failure"] and not ended and not (data["time"]["periodic"] and scene.time.stop == "periodic"):
@@ -175,6 +175,22 @@ def with_coefficients(scene: Scene, history: pd.DataFrame) -> pd.DataFrame:
     if not unit > 0:
         return history
     return history.assign(drag_coefficient=history["drag"] / unit, lift_coefficient=history["lift"] / unit)
+
+
+def energy_balance(history: pd.DataFrame) -> dict[str, float]:
+    """Return where the energy went, J per metre depth; empty without the columns.
+
+    Kinetic is that of the last state; elastic, dissipated and work are sums over all steps, what was there at the start
+    counts as work (docs/formats.md). `imbalance` is (kinetic + elastic + dissipated - work) / largest |work|,
+    dimensionless: the error of the steps in time.
+    """
+    parts = ("kinetic", "elastic", "dissipated", "work")
+    if history.empty or not set(parts) <= set(history):
+        return {}
+    last = {name: float(history[name].iloc[-1]) for name in parts}
+    scale = float(history["work"].abs().max())
+    left = last["kinetic"] + last["elastic"] + last["dissipated"] - last["work"]
+    return {**last, "imbalance": left / scale if scale > 0 else 0.0}
 
 
 def last_period(history: pd.DataFrame) -> Oscillation | None:
