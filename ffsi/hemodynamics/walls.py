@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ffsi.fields import FLUID
-from ffsi.hemodynamics.viscosity import apparent_viscosity
 from ffsi.rawfiles import RawMesh, RawState
 from ffsi.scene import Scene, boundaries
 from ffsi.scene.fluids import IncompressibleFluid
@@ -159,7 +158,7 @@ def wall_shear_stress(points: WallPoints, state: RawState, fluid: Incompressible
     shear_rate = np.sqrt(0.5 * np.einsum("nij,nij->n", twice_rate, twice_rate))
     normal = -np.einsum("nji,nj->ni", adjugate, points.normal)  # -cof F N, into the fluid
     normal /= np.hypot(*normal.T)[:, None]
-    traction = apparent_viscosity(fluid, shear_rate)[:, None] * np.einsum("nij,nj->ni", twice_rate, normal)
+    traction = fluid.apparent_viscosity(shear_rate)[:, None] * np.einsum("nij,nj->ni", twice_rate, normal)
     return np.asarray(traction - np.einsum("ni,ni->n", traction, normal)[:, None] * normal)
 
 

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal, get_args
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field
 
 from ffsi.scene.base import Table
@@ -19,10 +22,11 @@ from ffsi.scene.units import (
     Viscosity,
 )
 
+Floats = NDArray[np.float64]
 _CarreauExponent = Annotated[float, Quantity("1", at_least=-0.5, below=0.0)]
 
 
-class IncompressibleFluid(Table):
+class IncompressibleFluid(Table, ABC):
     """An incompressible fluid; a viscosity law derives from it and adds its constants.
 
     A law's `law` field is its name. g is the shear rate, g^2 = 2 D:D with the rate of deformation D.
@@ -30,12 +34,20 @@ class IncompressibleFluid(Table):
 
     density: Density = Field(description="density, kg/m^3")
 
+    @abstractmethod
+    def apparent_viscosity(self, shear_rate: Floats) -> Floats:
+        """Return the dynamic viscosity (n,) in Pa s at shear rates (n,) in 1/s, for what is evaluated after a run."""
+
 
 class Newtonian(IncompressibleFluid):
     """A fluid of constant viscosity."""
 
     viscosity: Viscosity = Field(description="dynamic viscosity, Pa s")
     law: Literal["newtonian"] = Field("newtonian", description='viscosity law: "newtonian"')
+
+    def apparent_viscosity(self, shear_rate: Floats) -> Floats:
+        """Return the viscosity."""
+        return np.full(np.shape(shear_rate), self.viscosity)
 
 
 class Carreau(IncompressibleFluid):
@@ -47,6 +59,11 @@ class Carreau(IncompressibleFluid):
     exponent: _CarreauExponent = Field(-0.3216, description="exponent n of 1 + K g^2, dimensionless")
     law: Literal["carreau"] = Field("carreau", description='viscosity law: "carreau"')
 
+    def apparent_viscosity(self, shear_rate: Floats) -> Floats:
+        """Return mu(g)."""
+        thinning = (1 + self.time_constant_squared * shear_rate**2) ** self.exponent
+        return np.asarray(self.viscosity_infinity + (self.viscosity_zero - self.viscosity_infinity) * thinning)
+
 
 class PowerLaw(IncompressibleFluid):
     """Power law, regularised at rest: mu = c (g^2 + e^2)^((m-1)/2), shear-thinning for m below 1."""
@@ -56,6 +73,10 @@ class PowerLaw(IncompressibleFluid):
     regularisation: ShearRate = Field(0.01, description="shear rate e below which the viscosity levels off, 1/s")
     law: Literal["power-law"] = Field("power-law", description='viscosity law: "power-law"')
 
+    def apparent_viscosity(self, shear_rate: Floats) -> Floats:
+        """Return mu(g)."""
+        return np.asarray(self.consistency * np.hypot(shear_rate, self.regularisation) ** (self.exponent - 1))
+
 
 class Casson(IncompressibleFluid):
     """Casson's law, regularised at rest: mu = (sqrt(mu_inf) + sqrt(tau_y) (g^2 + e^2)^(-1/4))^2."""
@@ -64,6 +85,11 @@ class Casson(IncompressibleFluid):
     viscosity_infinity: Viscosity = Field(description="dynamic viscosity mu_inf at large shear rates, Pa s")
     regularisation: ShearRate = Field(0.01, description="shear rate e below which the viscosity levels off, 1/s")
     law: Literal["casson"] = Field("casson", description='viscosity law: "casson"')
+
+    def apparent_viscosity(self, shear_rate: Floats) -> Floats:
+        """Return mu(g)."""
+        yielding = np.sqrt(self.yield_stress / np.hypot(shear_rate, self.regularisation))
+        return np.asarray((np.sqrt(self.viscosity_infinity) + yielding) ** 2)
 
 
 def _newtonian_by_default(fluid: Any) -> Any:

@@ -9,7 +9,6 @@ from run_folders import structured_mesh
 from ffsi.hemodynamics.flow import flow_rate
 from ffsi.hemodynamics.parts import over_parts, part_of
 from ffsi.hemodynamics.stress import cauchy_stress, effective_stress, von_mises
-from ffsi.hemodynamics.viscosity import apparent_viscosity
 from ffsi.hemodynamics.walls import deformed_length, wall_points, wall_shear_stress
 from ffsi.rawfiles import RawMesh, RawState
 from ffsi.scene import CASES, Aneurysm
@@ -102,16 +101,16 @@ def test_carreau_stress_takes_the_viscosity_at_the_wall() -> None:
 
 @pytest.mark.parametrize(("rate", "viscosity"), [(1.0, 0.027098), (100.0, 0.004708), (1000.0, 0.003736)])
 def test_carreau_viscosity_of_blood(rate: float, viscosity: float) -> None:
-    assert apparent_viscosity(Carreau(density=1035.0), np.array([rate])) == pytest.approx(viscosity, rel=1e-4)
+    assert Carreau(density=1035.0).apparent_viscosity(np.array([rate])) == pytest.approx(viscosity, rel=1e-4)
 
 
 def test_other_laws() -> None:
     rate = np.array([0.0, 3.0])
-    assert apparent_viscosity(NEWTONIAN, rate).tolist() == [0.02, 0.02]
+    assert NEWTONIAN.apparent_viscosity(rate).tolist() == [0.02, 0.02]
     power = PowerLaw(density=1.0, consistency=0.5, exponent=0.5, regularisation=4.0)
-    assert apparent_viscosity(power, rate) == pytest.approx([0.5 * 4**-0.5, 0.5 * 5**-0.5])
+    assert power.apparent_viscosity(rate) == pytest.approx([0.5 * 4**-0.5, 0.5 * 5**-0.5])
     casson = Casson(density=1.0, yield_stress=0.04, viscosity_infinity=0.01, regularisation=4.0)
-    assert apparent_viscosity(casson, rate) == pytest.approx([(0.1 + 0.2 / 2) ** 2, (0.1 + 0.2 / 5**0.5) ** 2])
+    assert casson.apparent_viscosity(rate) == pytest.approx([(0.1 + 0.2 / 2) ** 2, (0.1 + 0.2 / 5**0.5) ** 2])
 
 
 def test_flow_rate_is_exact_for_quadratic_velocities() -> None:
