@@ -92,12 +92,11 @@ class Casson(IncompressibleFluid):
         return np.asarray((np.sqrt(self.viscosity_infinity) + yielding) ** 2)
 
 
-def _newtonian_by_default(fluid: Any) -> Any:
+def _default_law(fluid: Any) -> Any:
     return {"law": "newtonian", **fluid} if isinstance(fluid, Mapping) else fluid
 
 
-_Law = Newtonian | Carreau | PowerLaw | Casson
-Fluid = Annotated[_Law, Field(discriminator="law"), BeforeValidator(_newtonian_by_default)]
+Fluid = Annotated[Newtonian | Carreau | PowerLaw | Casson, Field(discriminator="law"), BeforeValidator(_default_law)]
 LAWS: dict[str, type[IncompressibleFluid]] = {
-    name: law for law in get_args(_Law) for name in get_args(law.model_fields["law"].annotation)
+    name: law for law in get_args(get_args(Fluid)[0]) for name in get_args(law.model_fields["law"].annotation)
 }
