@@ -11,7 +11,8 @@ import numpy as np
 
 from ffsi.rawfiles import Floats, RawMesh, RawState, read_mesh, read_state
 from ffsi.reference.forces import Forces, coefficient_scale, compute_forces
-from ffsi.reference.from_scene import problem_from_scene, refuse_other_parameters, refuse_other_step
+from ffsi.reference.from_scene import problem_from_scene, refuse_other_parameters, refuse_other_step, theta_of
+from ffsi.reference.outlet import OutletHistory, at_outlet
 from ffsi.reference.problem import Problem
 from ffsi.reference.residual import compute_residual
 from ffsi.reference.step import Step
@@ -20,6 +21,7 @@ from ffsi.scene import Scene
 
 TOLERANCE = 1e-8
 STEPS = "steps.json"
+HISTORY = "history.csv"
 # A component below this fraction of the force is a difference of large numbers, compared on the scale of the force.
 _SMALL_COMPONENT = 1e-3
 
@@ -31,7 +33,8 @@ class CheckReport:
     ``momentum``, ``continuity``, ``kinematics``, ``mesh_motion``, ``incompressibility`` (volume of mixed solids):
     residuals as docs/discretisation.md scales them.
     ``dirichlet``: largest deviation from a prescribed value. ``drag_difference``, ``lift_difference``,
-    ``coefficient_difference``: reported against recomputed forces. ``min_jacobian``: smallest det F.
+    ``coefficient_difference``: reported against recomputed forces. ``outlet_difference``: likewise the flow rate out,
+    the pressure at the outlet and that of the reservoir behind it. ``min_jacobian``: smallest det F.
     ``forces``: the recomputed forces, both forms. ``failures``: one sentence for each number above ``tolerance``.
     Of several time steps every number is the worst, and the forces are those of the last one.
     """
@@ -45,6 +48,7 @@ class CheckReport:
     drag_difference: float | None
     lift_difference: float | None
     coefficient_difference: float | None
+    outlet_difference: float | None
     min_jacobian: float
     tolerance: float
     forces: Forces
@@ -65,8 +69,9 @@ def check_state(
 ) -> CheckReport:
     """Check that ``state`` solves ``problem`` on ``mesh`` and that the reported forces are its forces.
 
-    ``reported_quantities`` may hold ``drag``, ``lift`` (N per metre depth), ``drag_coefficient``, ``lift_coefficient``;
-    others are ignored. Raises ``ValueError`` if mesh, state and problem do not fit together.
+    ``reported_quantities`` may hold ``drag``, ``lift`` (N per metre depth), ``drag_coefficient``, ``lift_coefficient``,
+    ``flow_rate_out`` (m2/s), ``outlet_pressure`` (Pa); others are ignored, one that is missing differs. Raises
+    ``ValueError`` if mesh, state and problem do not fit together.
     """
     return _report([_examine(System.build(problem, mesh), state, reported_quantities)], tolerance)
 
@@ -79,13 +84,16 @@ def check_step(
     step: Step,
     reported_quantities: Mapping[str, float],
     tolerance: float = TOLERANCE,
+    reservoir: float = 0.0,
 ) -> CheckReport:
     """Check that the time step from ``old`` to ``new`` solves ``problem``, and the forces reported at its end.
 
+    ``reservoir`` Pa is the pressure of a Windkessel at the start; ``reported_quantities`` then holds ``windkessel_old``
+    and ``windkessel_new``, that at both ends.
     The pressure of ``old`` enters where a ``mixed`` solid has it. A program that solves its steps to a looser accuracy
     than ``tolerance`` needs a larger one. Other arguments and errors are those of ``check_state``.
     """
-    system = System.build(problem, mesh).stepping(old, step)
+    system = System.build(problem, mesh).stepping(old, step, reservoir)
     return _report([_examine(system, new, reported_quantities)], tolerance)
 
 
@@ -94,8 +102,10 @@ def check_run(directory: Path, scene: Scene, point: int = 1, tolerance: float = 
 
     The scene must carry the values that the run really used. A scene in time has ``steps.json`` beside its only point:
     a list of ``{"step", "time", "k", "theta", "old", "new", "quantities"}`` where old and new name files in the format
-    of a point's state. Raises ``ValueError`` where the parameters in the point's JSON, or a step, are none of the
-    scene's, no step is listed or a file does not fit, and ``OSError`` if one is missing.
+    of a point's state; with a Windkessel each entry has ``windkessel_old``, ``windkessel_new``, too. Where the outlet
+    has a pressure, ``history.csv`` holds it and the flow rate out for every step. Raises ``ValueError`` where the
+    parameters in the point's JSON, or a step, are none of the scene's, no step is listed or a file does not fit, and
+    ``OSError`` if one is missing.
     """
     directory = Path(directory)
     outcome = json.loads((directory / f"point-{point:04d}.json").read_text(encoding="utf-8"))
@@ -121,6 +131,8 @@ def _examine(system: System, state: RawState, reported: Mapping[str, float], pla
     residual = compute_residual(system, state)
     forces = compute_forces(system, state, residual)
     numbers = residual.relative | {"dirichlet": _dirichlet(system, state)}
+    if (outlet := at_outlet(system, state)) is not None:
+        numbers["outlet_difference"] = outlet.difference(reported)
     return _Findings(numbers | _force_differences(system, forces, reported), residual.min_jacobian, forces, place)
 
 
@@ -130,13 +142,22 @@ def _examine_steps(directory: Path, scene: Scene, mesh: RawMesh) -> list[_Findin
     if not entries:
         raise ValueError(f"{directory / STEPS}: no step is listed")
     system = System.build(problem_from_scene(scene), mesh)
+    outlet = system.problem.outlet
+    history = None
+    if outlet is not None and outlet.presses:
+        history = OutletHistory.read(directory / HISTORY, outlet, theta_of(scene))
     found = []
     for entry in entries:
         step, old, new = _read_entry(directory, entry)
         refuse_other_step(scene, step)
-        stepping = system.stepping(read_state(old, mesh), step)
+        reported, reservoir = dict(entry.get("quantities", {})), 0.0
+        if history is not None:
+            reported |= history.reported(entry["step"])
+            reservoir = history.reservoirs[entry["step"] - 1]
+            reported |= {name: entry[name] for name in ("windkessel_old", "windkessel_new") if name in entry}
+        stepping = system.stepping(read_state(old, mesh), step, reservoir)
         place = f" in step {entry['step']} at {step.time:g} s"
-        found.append(_examine(stepping, read_state(new, mesh), entry.get("quantities", {}), place))
+        found.append(_examine(stepping, read_state(new, mesh), reported, place))
     return found
 
 
@@ -163,6 +184,7 @@ def _report(found: Sequence[_Findings], tolerance: float) -> CheckReport:
         drag_difference=numbers.get("drag_difference"),
         lift_difference=numbers.get("lift_difference"),
         coefficient_difference=numbers.get("coefficient_difference"),
+        outlet_difference=numbers.get("outlet_difference"),
         min_jacobian=min(each.min_jacobian for each in found),
         tolerance=tolerance,
         forces=found[-1].forces,
@@ -230,13 +252,14 @@ def _failures(worst: Mapping[str, _Findings], inverted: _Findings, tolerance: fl
         "drag_difference": "relative difference between reported and recomputed drag",
         "lift_difference": "relative difference between reported and recomputed lift",
         "coefficient_difference": "relative difference between reported and recomputed force coefficients",
+        "outlet_difference": "relative difference between reported and recomputed flow rate or pressure at the outlet",
     }
     failures = []
     forces: dict[str, Forces] = {}
     for name, found in worst.items():
         if not (number := found.numbers[name]) <= tolerance:
             failures.append(f"{name}: the {words[name]} is {number:.2e}{found.place}, allowed is {tolerance:.0e}")
-            if name.endswith("_difference"):
+            if name in ("drag_difference", "lift_difference", "coefficient_difference"):
                 forces[found.place] = found.forces
     for place, force in forces.items():
         if force.total is not None:

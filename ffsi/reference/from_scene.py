@@ -8,6 +8,8 @@ import numpy as np
 
 from ffsi.rawfiles import Floats
 from ffsi.reference import materials, viscosity
+from ffsi.reference.conditions import Inflow, Outlet, Support
+from ffsi.reference.inflow import Series, womersley
 from ffsi.reference.problem import FLUID_REGION, Boundary, Fluid, MeshMotion, Problem, Solid
 from ffsi.reference.step import Step
 from ffsi.scene import Scene, boundaries
@@ -39,57 +41,104 @@ def problem_from_scene(scene: Scene) -> Problem:
 
     Raises ``ValueError`` if the scene has something that the checker does not know, such as a new material.
     """
-    profile = scene.inflow_profile() if scene.inflow is not None else None
-
-    def inflow_profile(y: Floats) -> Floats:
-        # A profile may be a constant; nodes need one value each.
-        return np.broadcast_to(np.asarray(profile(y) if profile else 0.0, dtype=np.float64), y.shape)
-
     return Problem(
         name=scene.name,
         fluid=Fluid(scene.fluid.density, _viscosity(scene.fluid)) if scene.fluid else None,
-        boundaries=tuple(Boundary(b.name, b.label, b.role, b.part, b.circle) for b in boundaries(scene)),  # type: ignore[arg-type]
+        boundaries=tuple(Boundary(b.name, b.label, b.role, b.part, b.circle) for b in boundaries(scene)),
         solids={
             region: Solid(solid.density, _material(name, solid), getattr(solid, "formulation", "displacement"))
             for region, (name, solid) in enumerate(scene.solid.items(), start=FLUID_REGION + 1)
         },
         gravity=(scene.gravity.x, scene.gravity.y) if scene.gravity else (0.0, 0.0),
-        outlet=scene.outlet.kind if scene.outlet else None,  # type: ignore[arg-type]
+        inflow=_inflow(scene),
+        outlet=_outlet(scene),
+        support=Support(scene.support.stiffness, scene.support.damping) if scene.support else None,
         traction=(scene.traction.x, scene.traction.y) if scene.traction else (0.0, 0.0),
         mesh_motion=_mesh_motion(scene),
-        inflow_profile=inflow_profile if profile else None,
-        inflow_factor=_inflow_factor(scene),
         mean_velocity=scene.inflow.mean_velocity if scene.inflow else None,
         reference_length=scene.forces.reference_length if scene.forces else None,
     )
 
 
-def _inflow_factor(scene: Scene) -> Callable[[float], float] | None:
-    """Return the function of time that multiplies the inflow, None where it is steady."""
-    if scene.time is None or scene.inflow is None:
+def _inflow(scene: Scene) -> Inflow | None:
+    """Flow into the scene; a steady one has neither ramp nor waveform, and in its system the time is 0."""
+    if scene.inflow is None:
         return None
-    ramp, waveform = scene.inflow.ramp, scene.inflow.waveform_expression
+    inlet, ramp = scene.geometry.inlet, _ramp(scene)  # type: ignore[union-attr]
+    series = scene.inflow.fourier
+    waves = Series(series.period, series.cosine, series.sine) if series is not None else None
+    if scene.inflow.profile == "womersley":
+        if waves is None or scene.fluid is None or scene.inflow.mean_velocity is None:
+            raise ValueError(f"{scene.name}: Womersley's profile needs a fluid and the Fourier series of its flow rate")
+        kinematic = _viscosity(scene.fluid).outlet / scene.fluid.density
+        flow = womersley(waves, scene.inflow.mean_velocity, inlet.height, kinematic)
+    else:
+        flow = _separable(scene, waves)
+    return Inflow(lambda s, time: ramp(time) * flow(s, time), inlet.start, inlet.inward)
 
-    def factor(time: float) -> float:
-        grown = 1.0 if ramp is None or time >= ramp else 0.5 - 0.5 * math.cos(math.pi * time / ramp)
-        return grown * float(waveform.evaluate(t=time))
 
-    return factor
+def _separable(scene: Scene, waves: Series | None) -> Callable[[Floats, float], Floats]:
+    """Profile of the scene times its waveform."""
+    profile, waveform = scene.inflow_profile(), waves or _formula(scene)
+
+    def flow(s: Floats, time: float) -> Floats:
+        # A profile may be a constant; nodes need one value each.
+        return waveform(time) * np.broadcast_to(np.asarray(profile(s), dtype=np.float64), s.shape)
+
+    return flow
 
 
-def _theta(scheme: str, shift: float, k: float) -> float:
-    """Weight of the new state in a step of ``k`` seconds."""
-    weights = {"backward-euler": 1.0, "crank-nicolson": 0.5, "shifted-crank-nicolson": min(1.0, 0.5 + shift * k)}
-    if scheme not in weights:
-        raise ValueError(f"the reference checker does not know the time scheme {scheme!r}")
-    return weights[scheme]
+def _formula(scene: Scene) -> Callable[[float], float]:
+    """Waveform that is a formula of the time; one in a steady scene."""
+    if scene.inflow is None or scene.time is None:
+        return lambda time: 1.0
+    formula = scene.inflow.waveform_expression
+    return lambda time: float(formula.evaluate(t=time))
+
+
+def _ramp(scene: Scene) -> Callable[[float], float]:
+    """Return the factor of time, from 0 to 1, on what drives the flow."""
+    length = scene.inflow.ramp if scene.inflow is not None and scene.time is not None else None
+
+    def ramp(time: float) -> float:
+        return 1.0 if length is None or time >= length else 0.5 - 0.5 * math.cos(math.pi * time / length)
+
+    return ramp
+
+
+def _outlet(scene: Scene) -> Outlet | None:
+    if (outlet := scene.outlet) is None:
+        return None
+    return Outlet(
+        outlet.kind,
+        pressure=outlet.pressure or 0.0,
+        resistance=(outlet.proximal_resistance if outlet.kind == "windkessel" else outlet.resistance) or 0.0,
+        distal=outlet.distal_resistance or 0.0,
+        compliance=outlet.compliance or 0.0,
+        backflow=outlet.backflow or 0.0,
+        ramp=_ramp(scene),
+    )
+
+
+def theta_of(scene: Scene) -> Callable[[float], float]:
+    """Weight of the new state in a step by its length, seconds. Raises ``ValueError`` if the scene is steady."""
+    if (time := scene.time) is None:
+        raise ValueError(f"{scene.name}: a time step, but the scene is steady")
+    weights: dict[str, Callable[[float], float]] = {
+        "backward-euler": lambda k: 1.0,
+        "crank-nicolson": lambda k: 0.5,
+        "shifted-crank-nicolson": lambda k: min(1.0, 0.5 + time.shift * k),
+    }
+    if time.scheme not in weights:
+        raise ValueError(f"the reference checker does not know the time scheme {time.scheme!r}")
+    return weights[time.scheme]
 
 
 def refuse_other_step(scene: Scene, step: Step) -> None:
     """Raise ``ValueError`` if a step is none of the scene's: steady, too long, after the end, or another theta."""
-    if (time := scene.time) is None:
-        raise ValueError(f"{scene.name}: a time step, but the scene is steady")
-    theta = _theta(time.scheme, time.shift, step.k)
+    theta = theta_of(scene)(step.k)
+    time = scene.time
+    assert time is not None
     wrong = {
         f"k = {step.k!r} s, at most {time.step!r} s": step.k > time.step * (1.0 + _SAME),
         f"theta = {step.theta!r}, expected {theta!r}": abs(step.theta - theta) > _SAME,

@@ -9,8 +9,10 @@ import numpy as np
 
 from ffsi.rawfiles import Floats, Ints, RawState
 from ffsi.reference import terms
+from ffsi.reference.conditions import Outlet, Support
 from ffsi.reference.materials import Array
-from ffsi.reference.system import FluidPart, SolidPart, System
+from ffsi.reference.problem import Fluid
+from ffsi.reference.system import FluidPart, Sides, SolidPart, System
 
 
 def fluid_momentum(system: System, fluid: FluidPart, u: Array, v: Array, flow: terms.Flow) -> Mapping[str, Array]:
@@ -40,12 +42,56 @@ def solid_pressure(solid: SolidPart, state: RawState) -> Floats:
     return pressure
 
 
-def outlet(system: System, fluid: FluidPart, nodes: Ints, v: Array) -> Array:
-    """Do-nothing outlet on sides with the P2 nodes (n, 3), (n, 3, 2)."""
-    now = terms.outlet(fluid.law.viscosity.outlet, v)
+def outlet_sides(system: System, fluid: FluidPart) -> Sides:
+    """Sides of the fluid at the outlet."""
+    return fluid.sides.select(np.isin(fluid.sides.label, system.problem.labels("outlet")))
+
+
+def outlet(system: System, law: Fluid, outlet: Outlet, sides: Sides, v: Array) -> Mapping[str, Array]:
+    """Terms on the sides of the outlet, (n, 3, 2), with nodal velocities (n, 3, 2), but for the pressure."""
+
+    def at(v: Array) -> dict[str, Array]:
+        found = {}
+        if outlet.kind != "zero-traction":
+            found["outlet"] = terms.outlet(law.viscosity.outlet, v)
+        if outlet.backflow:
+            found["backflow"] = terms.backflow(outlet.backflow * law.density, sides.normal, v)
+        return found
+
+    now = at(v)
     if (increment := system.increment) is None:
         return now
-    return increment.step.mean(now, terms.outlet(fluid.law.viscosity.outlet, increment.old.v[nodes]))
+    before = at(increment.old.v[sides.nodes])
+    return {name: increment.step.mean(term, before[name]) for name, term in now.items()}
+
+
+def outlet_pressure(system: System, outlet: Outlet, sides: Sides, v: Array) -> Array:
+    """Work of the pressure at the outlet on its sides, (n, 3, 2); every velocity there has a part in it."""
+    flow = terms.outlet_flow(sides.normal, v)
+    if (increment := system.increment) is None:
+        pressure = outlet.steady(flow)
+    else:
+        flow = increment.step.mean(flow, terms.outlet_flow(sides.normal, increment.old.v[sides.nodes]))
+        pressure = outlet.during(increment.step, flow, increment.reservoir)
+    return terms.outlet_pressure(sides.normal, pressure)
+
+
+def support(system: System, held: Support, edges: Ints, u: Array, v: Array) -> Array:
+    """Support of the edges with P2 nodes (n, 3), ends and middle, (n, 3, 2)."""
+    start, end = system.mesh.p2_coordinates[edges[:, :2]].transpose(1, 0, 2)
+    length = np.hypot(*(end - start).T)
+    if (increment := system.increment) is None:
+        return terms.support(held, length, u, np.zeros_like(v))
+    before = old_motion(increment.old, edges)
+    step = increment.step
+    return terms.support(held, length, step.mean(u, before.u), step.mean(v, before.v))
+
+
+def supported_edges(system: System) -> Ints:
+    """P2 nodes (n, 3) of the edges that are supported."""
+    mesh = system.mesh
+    edges: Ints = mesh.edge_nodes[np.isin(mesh.label, system.problem.labels("supported"))]
+    return edges
 
 
 def kinematics(system: System, nodes: Ints, u: Array, v: Array) -> Array:

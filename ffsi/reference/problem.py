@@ -6,11 +6,11 @@ from dataclasses import dataclass, field
 from typing import Literal, get_args
 
 from ffsi.rawfiles import Floats
+from ffsi.reference.conditions import Inflow, Outlet, Support
 from ffsi.reference.materials import Material, SplitMaterial
 from ffsi.reference.viscosity import Viscosity
 
-Role = Literal["inlet", "outlet", "no-slip", "interface", "clamped", "free", "loaded"]
-OutletKind = Literal["do-nothing", "zero-traction"]
+Role = Literal["inlet", "outlet", "no-slip", "interface", "clamped", "free", "loaded", "supported"]
 MotionKind = Literal["harmonic", "linear-elastic", "hyperelastic"]
 Formulation = Literal["displacement", "mixed", "incompressible"]
 Field = Callable[[Floats, float], Floats]
@@ -106,8 +106,7 @@ class Problem:
     """One fluid-structure problem, steady or in time.
 
     ``solids`` by region number (2, 3, ...); ``gravity`` m/s2; ``traction`` the dead load on boundaries with the role
-    loaded, Pa per reference length; ``inflow_profile`` maps y (n,) to the velocity v_x (n,) at the inlet and
-    ``inflow_factor`` the time to the factor on it (1 if there is none, and in steady problems);
+    loaded, Pa per reference length; ``support`` what holds boundaries with the role supported;
     ``mean_velocity`` and ``reference_length`` scale the force coefficients; ``manufactured`` is for tests only.
     Raises ``ValueError`` where the pieces do not fit together.
     """
@@ -118,10 +117,10 @@ class Problem:
     solids: Mapping[int, Solid] = field(default_factory=dict)
     gravity: tuple[float, float] = (0.0, 0.0)
     traction: tuple[float, float] = (0.0, 0.0)
-    outlet: OutletKind | None = None
+    support: Support | None = None
+    inflow: Inflow | None = None
+    outlet: Outlet | None = None
     mesh_motion: MeshMotion | None = None
-    inflow_profile: Callable[[Floats], Floats] | None = None
-    inflow_factor: Callable[[float], float] | None = None
     mean_velocity: float | None = None
     reference_length: float | None = None
     manufactured: Manufactured | None = None
@@ -135,10 +134,9 @@ class Problem:
         roles = {boundary.role for boundary in self.boundaries}
         if unknown := roles - set(get_args(Role)):
             raise ValueError(f"{self.name}: unknown boundary role {sorted(unknown)}, accepted: {get_args(Role)}")
-        if "inlet" in roles and self.inflow_profile is None:
-            raise ValueError(f"{self.name}: an inlet but no inflow profile")
-        if "outlet" in roles and self.outlet not in get_args(OutletKind):
-            raise ValueError(f"{self.name}: outlet kind {self.outlet!r}, accepted: {get_args(OutletKind)}")
+        for role, condition in (("inlet", self.inflow), ("outlet", self.outlet), ("supported", self.support)):
+            if role in roles and condition is None:
+                raise ValueError(f"{self.name}: a boundary with the role {role}, but nothing that says what it does")
         if self.mesh_motion is not None and self.mesh_motion.kind not in get_args(MotionKind):
             raise ValueError(f"{self.name}: mesh motion {self.mesh_motion.kind!r}, accepted: {get_args(MotionKind)}")
         if self.mesh_motion is not None and self.mesh_motion.distance_exponent and "interface" not in roles:

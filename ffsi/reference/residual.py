@@ -9,6 +9,7 @@ import numpy as np
 from ffsi.rawfiles import Floats, RawState
 from ffsi.reference import momentum, sources, terms
 from ffsi.reference.assembly import scatter
+from ffsi.reference.conditions import Outlet
 from ffsi.reference.elements import Elements
 from ffsi.reference.materials import IDENTITY, determinant
 from ffsi.reference.problem import MeshMotion
@@ -137,8 +138,12 @@ def _fluid_momentum(system: System, fluid: FluidPart, state: RawState, flow: ter
 def _loads(system: System, state: RawState) -> dict[str, Floats]:
     """Momentum of the boundaries, and sources: what belongs neither to the fluid's force nor to a solid's stress."""
     loads: dict[str, Floats] = {}
-    if system.fluid is not None and system.problem.outlet == "do-nothing":
-        loads["outlet"] = _outlet(system, system.fluid, state)
+    if system.fluid is not None and system.problem.outlet is not None:
+        loads |= _outlet(system, system.fluid, system.problem.outlet, state)
+    if system.problem.support is not None:
+        edges = momentum.supported_edges(system)
+        local = momentum.support(system, system.problem.support, edges, state.u[edges], state.v[edges])
+        loads["support"] = scatter(local, edges, system.mesh.n_p2)
     if system.problem.labels("loaded"):
         loads["traction"] = _traction(system)
     if system.problem.manufactured is not None:
@@ -146,9 +151,12 @@ def _loads(system: System, state: RawState) -> dict[str, Floats]:
     return loads
 
 
-def _outlet(system: System, fluid: FluidPart, state: RawState) -> Floats:
-    nodes = fluid.sides.nodes[np.isin(fluid.sides.label, system.problem.labels("outlet"))]
-    return scatter(momentum.outlet(system, fluid, nodes, state.v[nodes]), nodes, system.mesh.n_p2)
+def _outlet(system: System, fluid: FluidPart, outlet: Outlet, state: RawState) -> dict[str, Floats]:
+    sides = momentum.outlet_sides(system, fluid)
+    local = dict(momentum.outlet(system, fluid.law, outlet, sides, state.v[sides.nodes]))
+    if outlet.presses:
+        local["outlet pressure"] = momentum.outlet_pressure(system, outlet, sides, state.v[sides.nodes])
+    return {name: scatter(term, sides.nodes, system.mesh.n_p2) for name, term in local.items()}
 
 
 def _continuity(system: System, fluid: FluidPart, flow: terms.Flow, state: RawState) -> Equation:

@@ -15,6 +15,7 @@ from scipy.sparse.linalg import splu
 
 from ffsi.rawfiles import Floats, Ints, RawState
 from ffsi.reference import momentum, terms
+from ffsi.reference.conditions import Outlet, Support
 from ffsi.reference.materials import Array
 from ffsi.reference.residual import Residual, compute_residual
 from ffsi.reference.step import Step
@@ -87,12 +88,14 @@ def solve_step(
     tolerance: float = 1e-10,
     max_iterations: int = 15,
     start: RawState | None = None,
+    reservoir: float = 0.0,
 ) -> Solution:
     """Solve one time step from the state ``old``; the first guess is ``start``, or else ``old``.
 
-    ``system`` may be the steady one or that of any other step. Raises ``ConvergenceError`` as ``solve`` does.
+    ``system`` may be the steady one or that of any other step; ``reservoir`` Pa is the pressure behind an outlet that
+    stores fluid, at the start. Raises ``ConvergenceError`` as ``solve`` does.
     """
-    return _newton(system.stepping(old, step), start or old, method, tolerance, max_iterations)
+    return _newton(system.stepping(old, step, reservoir), start or old, method, tolerance, max_iterations)
 
 
 def _newton(system: System, start: RawState, method: Method, tolerance: float, max_iterations: int) -> Solution:
@@ -188,10 +191,14 @@ def _row_sources(system: System) -> tuple[Ints, Mask]:
 def _groups(system: System, state: RawState) -> Iterator[_Group]:
     if system.fluid is not None:
         yield _fluid_group(system, system.fluid, state)
-        if system.problem.outlet == "do-nothing":
-            yield _outlet_group(system, system.fluid, state)
+        if (outlet := system.problem.outlet) is not None:
+            yield _outlet_group(system, system.fluid, outlet, state)
+            if outlet.presses:
+                yield _outlet_pressure_group(system, system.fluid, outlet, state)
     for solid in system.solids.values():
         yield _solid_group(system, solid, state)
+    if system.problem.support is not None:
+        yield _support_group(system, system.problem.support, state)
     if system.increment is not None and system.solids:
         yield _kinematics_group(system, state)
 
@@ -223,15 +230,50 @@ def _fluid_group(system: System, fluid: FluidPart, state: RawState) -> _Group:
     return _Group(function, _flat(state)[numbers], numbers, numbers, steps)
 
 
-def _outlet_group(system: System, fluid: FluidPart, state: RawState) -> _Group:
-    nodes = fluid.sides.nodes[np.isin(fluid.sides.label, system.problem.labels("outlet"))]
-    numbers = 2 * len(state.u) + _numbers(nodes)
+def _outlet_group(system: System, fluid: FluidPart, outlet: Outlet, state: RawState) -> _Group:
+    """Sides at the outlet: 6 rows of momentum by as many v."""
+    sides = momentum.outlet_sides(system, fluid)
+    numbers = 2 * len(state.u) + _numbers(sides.nodes)
 
     def function(local: Array) -> Array:
-        return momentum.outlet(system, fluid, nodes, local.reshape(len(local), 3, 2)).reshape(len(local), 6)
+        v = local.reshape(len(local), 3, 2)
+        found = momentum.outlet(system, fluid.law, outlet, sides, v)
+        return _total(found).reshape(len(local), 6) if found else np.zeros_like(local)
 
-    steps = np.full(numbers.shape, np.abs(state.v).max() or 1.0)
+    # Linear but for the backflow, which has a kink.
+    steps = np.full(numbers.shape, (_CUBE_ROOT if outlet.backflow else 1.0) * (np.abs(state.v).max() or 1.0))
     return _Group(function, _flat(state)[numbers], numbers, numbers, steps)
+
+
+def _outlet_pressure_group(system: System, fluid: FluidPart, outlet: Outlet, state: RawState) -> _Group:
+    """All of the outlet as one element, since its pressure is a function of the flow rate through it."""
+    sides = momentum.outlet_sides(system, fluid)
+    nodes, places = np.unique(sides.nodes, return_inverse=True)
+    places = places.reshape(sides.nodes.shape)
+    numbers = 2 * len(state.u) + _numbers(nodes[None, :])
+
+    def function(local: Array) -> Array:
+        v = local.reshape(len(nodes), 2)[places]
+        found = np.zeros((len(nodes), 2), dtype=local.dtype)
+        np.add.at(found, places, momentum.outlet_pressure(system, outlet, sides, v))
+        return found.reshape(1, -1)
+
+    steps = np.full(numbers.shape, np.abs(state.v).max() or 1.0)  # linear
+    return _Group(function, _flat(state)[numbers], numbers, numbers, steps)
+
+
+def _support_group(system: System, held: Support, state: RawState) -> _Group:
+    """Supported edges: 6 rows of momentum, numbered like v, by 6 u and 6 v."""
+    edges, n2 = momentum.supported_edges(system), len(state.u)
+    n = len(edges)
+    numbers = _numbers(edges)
+
+    def function(local: Array) -> Array:
+        u, v = local[:, :6].reshape(n, 3, 2), local[:, 6:].reshape(n, 3, 2)
+        return momentum.support(system, held, edges, u, v).reshape(n, 6)
+
+    columns = np.hstack([numbers, 2 * n2 + numbers])
+    return _Group(function, _flat(state)[columns], columns, 2 * n2 + numbers, np.ones(columns.shape))  # linear
 
 
 def _solid_group(system: System, solid: SolidPart, state: RawState) -> _Group:

@@ -28,6 +28,11 @@ class Step:
         """Time at which the step starts, seconds."""
         return self.time - self.k
 
+    @property
+    def between(self) -> float:
+        """Time n + theta, to which the momentum of the step belongs, seconds."""
+        return self.start + self.theta * self.k
+
     def mean(self, new: Array, old: Array) -> Array:
         """Weighted mean theta new + (1 - theta) old of two arrays of one shape."""
         result: Array = self.theta * new + (1.0 - self.theta) * old
@@ -41,7 +46,8 @@ class Step:
 
 @dataclass(frozen=True)
 class Increment:
-    """A step and the state at its start."""
+    """A step and the state at its start; ``reservoir`` Pa is the pressure there behind an outlet that stores fluid."""
 
     old: RawState
     step: Step
+    reservoir: float = 0.0

@@ -110,10 +110,10 @@ class System:
         solids = {region: _solid_part(problem, mesh, region) for region in problem.solids}
         return cls(problem, mesh, fluid, solids, _rows(problem, mesh, fluid, solids, None))
 
-    def stepping(self, old: RawState, step: Step) -> "System":
-        """Return the system of one time step from the state ``old``."""
+    def stepping(self, old: RawState, step: Step, reservoir: float = 0.0) -> "System":
+        """Return the system of one time step from the state ``old`` and the ``reservoir`` pressure of its outlet."""
         rows = _rows(self.problem, self.mesh, self.fluid, self.solids, step.time)
-        return replace(self, rows=rows, increment=Increment(old, step))
+        return replace(self, rows=rows, increment=Increment(old, step, reservoir))
 
 
 def _elements(mesh: RawMesh, region: int) -> Elements:
@@ -234,7 +234,7 @@ def _rows(
 def _conditions(problem: Problem, mesh: RawMesh, time: float | None) -> tuple[Mask, Mask, RawState]:
     """Nodes whose u, and whose v, a boundary prescribes, and the values at a time (None: steady); zero elsewhere.
 
-    A no-slip or clamped boundary wins over an inlet at a common node; the profile is zero there anyhow.
+    A no-slip or clamped boundary wins over an inlet at a common node.
     """
     n2 = mesh.n_p2
     held_u, held_v = np.zeros(n2, dtype=np.bool_), np.zeros(n2, dtype=np.bool_)
@@ -246,9 +246,8 @@ def _conditions(problem: Problem, mesh: RawMesh, time: float | None) -> tuple[Ma
         if boundary.role in ("inlet", "no-slip", "clamped"):
             held_v[nodes] = True
             v[nodes] = 0.0
-        if boundary.role == "inlet" and problem.inflow_profile is not None:
-            factor = 1.0 if time is None or problem.inflow_factor is None else problem.inflow_factor(time)
-            v[nodes, 0] = factor * problem.inflow_profile(mesh.p2_coordinates[nodes.ravel(), 1]).reshape(nodes.shape)
+        if boundary.role == "inlet" and problem.inflow is not None:
+            v[nodes.ravel()] = problem.inflow.at(mesh.p2_coordinates[nodes.ravel()], time or 0.0)
         if boundary.role == "no-slip" and boundary.circle is not None:
             u[nodes[:, 2]] = _onto_circle(boundary, mesh.p2_coordinates[nodes])
     if (exact := problem.manufactured) is not None:

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ffsi.rawfiles import Floats
+from ffsi.reference.conditions import Support
 from ffsi.reference.elements import Elements, gauss_rule, line_basis
 from ffsi.reference.materials import (
     IDENTITY,
@@ -255,4 +256,43 @@ def outlet(viscosity: float, v: Array) -> Array:
     derivative = slopes @ v
     traction = viscosity * np.stack([-derivative[..., 1], derivative[..., 0]], axis=-1)
     result: Array = -(values * weights[:, None]).T @ traction
+    return result
+
+
+def outlet_flow(normal: Floats, v: Array) -> Array:
+    """Flow rate through all sides, a scalar in m2/s, with normals (n, 2) times length and nodal v (n, 3, 2)."""
+    points, weights = gauss_rule(3)
+    values, _ = line_basis(points)
+    result: Array = np.einsum("q,qa,nai,ni->", weights, values, v, normal)
+    return result
+
+
+def outlet_pressure(normal: Floats, pressure: Array | float) -> Array:
+    """Work of a pressure, a scalar in pascals, that acts on sides from outside, (n, 3, 2)."""
+    points, weights = gauss_rule(3)
+    share = weights @ line_basis(points)[0]
+    result: Array = pressure * share[:, None] * normal[:, None, :]
+    return result
+
+
+def backflow(momentum: float, normal: Floats, v: Array) -> Array:
+    """Traction against what flows back in, (n, 3, 2); ``momentum`` kg/m3 is its factor beta rho.
+
+    The real part decides where that is, also in a complex step.
+    """
+    points, weights = gauss_rule()
+    values, _ = line_basis(points)
+    velocity = values @ v
+    out = np.einsum("nqi,ni->nq", velocity, normal)
+    inward = np.where(out.real < 0.0, out, 0.0) * weights
+    result: Array = -momentum * values.T @ (inward[..., None] * velocity)
+    return result
+
+
+def support(held: Support, length: Floats, u: Array, v: Array) -> Array:
+    """Elastic support of edges of ``length`` (n,) metres with nodal u, v (n, 3, 2), (n, 3, 2)."""
+    points, weights = gauss_rule(3)
+    values, _ = line_basis(points)
+    force = values @ (held.stiffness * u + held.damping * v)
+    result: Array = values.T @ (length[:, None, None] * weights[:, None] * force)
     return result

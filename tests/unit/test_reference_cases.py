@@ -6,6 +6,7 @@ import math
 import numpy as np
 
 from ffsi.rawfiles import RawMesh, RawState
+from ffsi.reference.conditions import Inflow, Outlet
 from ffsi.reference.materials import MooneyRivlin, NeoHookean, StVenantKirchhoff
 from ffsi.reference.problem import Boundary, Fluid, MeshMotion, Problem, Solid
 from ffsi.reference.structured import structured_mesh
@@ -20,6 +21,11 @@ BUMP = (1.0, -0.3, 0.5)  # centre and radius of the circle whose top stands out 
 
 def profile(y):
     return 6.0 * MEAN_VELOCITY * y / HEIGHT * (1.0 - y / HEIGHT)
+
+
+def flow_in(factor=None):
+    """Inflow with the profile, times a function of the time."""
+    return Inflow(lambda s, time: (factor(time) if factor else 1.0) * profile(s))
 
 
 def in_block(x, y):
@@ -55,9 +61,9 @@ def flap_problem(**changes) -> Problem:
         ),
         solids={2: Solid(2.0, StVenantKirchhoff(60.0, 30.0))},
         gravity=(0.01, -0.05),
-        outlet="do-nothing",
+        outlet=Outlet("do-nothing"),
         mesh_motion=MeshMotion(stiffness_exponent=1.0, divergence_weight=1.0),
-        inflow_profile=profile,
+        inflow=flow_in(),
         mean_velocity=MEAN_VELOCITY,
         reference_length=0.5,
     )
@@ -129,8 +135,8 @@ def channel_problem(**changes) -> Problem:
             Boundary("roof", 3, "no-slip"),
             Boundary("floor", 4, "no-slip", part="floor"),
         ),
-        outlet="do-nothing",
-        inflow_profile=profile,
+        outlet=Outlet("do-nothing"),
+        inflow=flow_in(),
         mean_velocity=MEAN_VELOCITY,
         reference_length=LENGTH,
     )

@@ -31,10 +31,10 @@ def test_turek_fsi1_has_the_published_values():
     assert problem.solids[2].density == 1000.0
     material = problem.solids[2].material
     np.testing.assert_allclose([material.lame_lambda, material.lame_mu], [2e6, 0.5e6], rtol=1e-12)
-    assert problem.outlet == "do-nothing"
+    assert problem.outlet.kind == "do-nothing"
     assert problem.reference_length == 0.1
     assert problem.mean_velocity == 0.2
-    np.testing.assert_allclose(problem.inflow_profile(np.array([0.0, 0.205, 0.41])), [0, 0.3, 0], atol=1e-15)
+    np.testing.assert_allclose(problem.inflow.velocity(np.array([0.0, 0.205, 0.41]), 0.0), [0, 0.3, 0], atol=1e-15)
     circles = {b.name: b.circle for b in problem.boundaries if b.circle}
     assert circles == {"cylinder": (0.2, 0.2, 0.05), "root": (0.2, 0.2, 0.05)}
     assert problem.parts() == {"cylinder": [4], "beam": [5]}
@@ -50,7 +50,7 @@ def test_values_reach_their_places():
     problem = problem_from_scene(with_values(CASES["flap-svk"], changes | {"mesh_motion.divergence_weight": 0.3}))
     assert problem.gravity == (0.5, -2.0)
     assert problem.mesh_motion == MeshMotion(1.7, 0.3, "hyperelastic")
-    assert problem.outlet == "zero-traction"
+    assert problem.outlet.kind == "zero-traction"
     assert problem.solids == {2: Solid(1.0, StVenantKirchhoff(8.0, 2.0))}
 
 
@@ -111,32 +111,36 @@ def test_hyperelastic_materials_reach_the_problem():
 
 def test_uniform_profile_has_a_value_per_node():
     problem = problem_from_scene(with_values(CASES["flap-svk"], {"inflow.profile": "uniform"}))
-    np.testing.assert_array_equal(problem.inflow_profile(np.array([0.1, 0.2])), [0.12, 0.12])
+    np.testing.assert_array_equal(problem.inflow.velocity(np.array([0.1, 0.2]), 0.0), [0.12, 0.12])
+
+
+def middle_of(problem, s=0.205):
+    """Velocity at one place of the inlet as a function of the time."""
+    return lambda time: float(problem.inflow.velocity(np.array([s]), time)[0])
 
 
 def test_inflow_grows_with_the_ramp_and_swings_with_the_waveform():
     problem = problem_from_scene(CASES["turek-fsi2"])
-    assert [problem.inflow_factor(t) for t in (0.0, 1.0, 2.0, 7.0)] == pytest.approx([0.0, 0.5, 1.0, 1.0], abs=1e-15)
-    assert problem.inflow_factor(0.5) == pytest.approx(0.5 * (1.0 - math.sqrt(0.5)), rel=1e-15)
+    grown = middle_of(problem)
+    assert [grown(t) for t in (0.0, 1.0, 2.0, 7.0)] == pytest.approx([0.0, 0.75, 1.5, 1.5], abs=1e-15)
+    assert grown(0.5) == pytest.approx(0.75 * (1.0 - math.sqrt(0.5)), rel=1e-14)
     scene = with_values(CASES["cylinder-2d2"], {"inflow.waveform": "sin(pi * t / 8)"})
-    problem = problem_from_scene(scene)
-    assert problem.inflow_factor(0.5) == pytest.approx(0.5 * math.sin(math.pi / 16), rel=1e-15)
-    assert problem.inflow_factor(4.0) == pytest.approx(1.0, rel=1e-15)
-    np.testing.assert_allclose(problem.inflow_profile(np.array([0.0, 0.205])), [0.0, 1.5], atol=1e-15)
+    swung = middle_of(problem_from_scene(scene))
+    assert swung(0.5) == pytest.approx(0.75 * math.sin(math.pi / 16), rel=1e-14)
+    assert swung(4.0) == pytest.approx(1.5, rel=1e-14)
 
 
 def test_inflow_without_ramp_and_waveform_is_constant():
     changes = {"mesh_motion.kind": "harmonic", "time.step": 0.01, "time.end": 1.0}
-    problem = problem_from_scene(with_values(CASES["flap-svk"], changes))
-    assert problem.inflow_factor(0.0) == 1.0 == problem.inflow_factor(0.7)
-    assert problem_from_scene(CASES["flap-svk"]).inflow_factor is None
-    assert problem_from_scene(CASES["turek-csm3"]).inflow_factor is None
+    constant = middle_of(problem_from_scene(with_values(CASES["flap-svk"], changes)), 0.2)
+    assert constant(0.0) == constant(0.7) == middle_of(problem_from_scene(CASES["flap-svk"]), 0.2)(0.0)
+    assert constant(0.0) == pytest.approx(1.5 * 0.12, rel=1e-14)
 
 
 def test_solid_alone_has_neither_fluid_nor_inflow():
     problem = problem_from_scene(CASES["turek-csm1"])
     assert problem.fluid is None
-    assert problem.inflow_profile is None
+    assert problem.inflow is None
     assert problem.outlet is None
     assert problem.gravity == (0.0, -2.0)
 

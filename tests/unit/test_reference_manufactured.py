@@ -5,6 +5,7 @@ import pytest
 from manufactured import DENSITY, LAMBDA, MU, SOLID_DENSITY, VISCOSITY, Exact, det, divergence, gradient, vector
 
 from ffsi.rawfiles import RawState
+from ffsi.reference.conditions import Outlet
 from ffsi.reference.elements import Elements
 from ffsi.reference.materials import NeoHookean, StVenantKirchhoff
 from ffsi.reference.problem import Boundary, Fluid, Manufactured, MeshMotion, Problem, Solid
@@ -35,7 +36,7 @@ def fluid_system(n, exact, law=None):
         name="fluid",
         fluid=Fluid(DENSITY, law or Newtonian(VISCOSITY)),
         boundaries=boundaries,
-        outlet="zero-traction",
+        outlet=Outlet("zero-traction"),
         manufactured=manufactured_of(exact, exact.v, [1]),
     )
     grid = np.linspace(0, 1, n + 1)
@@ -77,7 +78,7 @@ def both_system(n, exact, kind="harmonic", solid=None):
             Boundary("floor", 7, "free"),
         ),
         solids={2: solid or Solid(SOLID_DENSITY, StVenantKirchhoff(LAMBDA, MU))},
-        outlet="zero-traction",
+        outlet=Outlet("zero-traction"),
         mesh_motion=MeshMotion(0.0, 0.7, kind),
         manufactured=manufactured_of(exact, velocity, [1, 2]),
     )

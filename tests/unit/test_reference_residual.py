@@ -23,6 +23,7 @@ from test_reference_cases import (
     state_of,
 )
 
+from ffsi.reference.conditions import Inflow, Outlet
 from ffsi.reference.problem import Boundary, Fluid, MeshMotion
 from ffsi.reference.residual import compute_residual
 from ffsi.reference.structured import structured_mesh
@@ -104,7 +105,7 @@ def test_do_nothing_outlet_holds_for_stagnation_flow_in_any_direction(turn):
     problem = channel_problem(fluid=Fluid(0.0, Newtonian(VISCOSITY)))
     assert relative(problem, mesh, state)["momentum"] < 1e-13
     # Free of traction is another condition: -p + 2 mu c = 0.
-    open_end = dataclasses.replace(problem, outlet="zero-traction")
+    open_end = dataclasses.replace(problem, outlet=Outlet("zero-traction"))
     assert relative(open_end, mesh, state)["momentum"] > 1e-2
     state.p[:] *= 2.0
     assert relative(open_end, mesh, state)["momentum"] < 1e-13
@@ -413,7 +414,7 @@ def test_prescribed_values_are_the_profile_and_the_circle():
 
 def test_wall_wins_where_a_profile_does_not_vanish():
     mesh = channel_mesh()
-    values = System.build(channel_problem(inflow_profile=np.ones_like), mesh).rows.prescribed.v[:, 0]
+    values = System.build(channel_problem(inflow=Inflow(lambda s, time: np.ones_like(s))), mesh).rows.prescribed.v[:, 0]
     x, y = mesh.p2_coordinates.T
     np.testing.assert_array_equal(values, (x == 0.0) & (y > 0.0) & (y < HEIGHT))
 
@@ -439,8 +440,8 @@ def test_wrong_meshes_are_refused():
     [
         (dict(fluid=None, solids={}), "neither a fluid nor a solid"),
         (dict(mesh_motion=None), "fluid and solid together need a mesh motion"),
-        (dict(inflow_profile=None), "an inlet but no inflow profile"),
-        (dict(outlet="open"), "outlet kind 'open', accepted"),
+        (dict(inflow=None), "a boundary with the role inlet, but nothing that says what it does"),
+        (dict(outlet=None), "a boundary with the role outlet, but nothing that says what it does"),
         (dict(mesh_motion=MeshMotion(1.0, 1.0, "elastic")), "mesh motion 'elastic', accepted"),
         (dict(solids={1: flap_problem().solids[2]}), "solid in region 1, solids start at 2"),
         (dict(boundaries=(Boundary("a", 3, "wall"),)), r"unknown boundary role \['wall'\]"),

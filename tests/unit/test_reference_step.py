@@ -13,6 +13,7 @@ from test_reference_cases import (
     channel_problem,
     flap_mesh,
     flap_problem,
+    flow_in,
     roof_mesh,
     roof_problem,
     state_of,
@@ -22,6 +23,7 @@ from test_reference_check import copy, failing, largest
 from ffsi.reference import momentum, terms
 from ffsi.reference.check import check_step
 from ffsi.reference.forces import coefficient_scale, compute_forces
+from ffsi.reference.outlet import at_outlet
 from ffsi.reference.problem import Boundary, Fluid
 from ffsi.reference.residual import compute_residual
 from ffsi.reference.solve import solve, solve_step
@@ -50,12 +52,17 @@ def march(system, start, count, k=K, theta=THETA, tolerance=1e-11):
 
 
 def quantities_of(system, state):
+    found = {}
     forces = compute_forces(system, state, compute_residual(system, state))
-    if forces.total is None:
-        return {}
-    drag, lift = forces.total.residual
-    unit = coefficient_scale(system)
-    return {"drag": drag, "lift": lift, "drag_coefficient": drag / unit, "lift_coefficient": lift / unit}
+    if forces.total is not None:
+        drag, lift = forces.total.residual
+        unit = coefficient_scale(system)
+        found = {"drag": drag, "lift": lift, "drag_coefficient": drag / unit, "lift_coefficient": lift / unit}
+    if (outlet := at_outlet(system, state)) is not None:
+        found |= {"flow_rate_out": outlet.flow, "outlet_pressure": outlet.pressure}
+        if outlet.reservoir is not None:
+            found |= dict(zip(("windkessel_old", "windkessel_new"), outlet.reservoir, strict=True))
+    return found
 
 
 def stepped(problem, mesh, count=3):
@@ -68,17 +75,17 @@ def stepped(problem, mesh, count=3):
 
 @pytest.fixture(scope="module")
 def flap():
-    return stepped(flap_problem(inflow_factor=beating), flap_mesh(4))
+    return stepped(flap_problem(inflow=flow_in(beating)), flap_mesh(4))
 
 
 @pytest.fixture(scope="module")
 def roof():
-    return stepped(roof_problem(inflow_factor=beating), roof_mesh(4))
+    return stepped(roof_problem(inflow=flow_in(beating)), roof_mesh(4))
 
 
 @pytest.fixture(scope="module")
 def channel():
-    return stepped(channel_problem(inflow_factor=beating), channel_mesh())
+    return stepped(channel_problem(inflow=flow_in(beating)), channel_mesh())
 
 
 @pytest.fixture(scope="module")
@@ -196,7 +203,7 @@ WRONG_FLUID = {
 
 @pytest.mark.parametrize("wrong", WRONG_FLUID)
 def test_step_of_a_wrong_fluid_is_refused(wrong, monkeypatch):
-    problem, mesh = flap_problem(inflow_factor=beating), flap_mesh(4)
+    problem, mesh = flap_problem(inflow=flow_in(beating)), flap_mesh(4)
     monkeypatch.setattr(terms, "fluid_step", WRONG_FLUID[wrong])
     arguments = stepped(problem, mesh)
     assert check_step(*arguments).failures == []
@@ -234,8 +241,8 @@ def mean_of_both_pressures(solid, gravity, elements, step, new, old, p, old_p):
     return local
 
 
-def implicit_outlet(system, fluid, nodes, v):
-    return terms.outlet(fluid.law.viscosity.outlet, v)
+def implicit_outlet(system, law, outlet, sides, v):
+    return {"outlet": terms.outlet(law.viscosity.outlet, v)}
 
 
 @pytest.mark.parametrize(
@@ -252,7 +259,7 @@ def implicit_outlet(system, fluid, nodes, v):
 )
 def test_step_of_a_wrong_solid_or_outlet_is_refused(module, name, wrong, monkeypatch):
     monkeypatch.setattr(module, name, wrong)
-    arguments = stepped(roof_problem(inflow_factor=beating), roof_mesh(4))
+    arguments = stepped(roof_problem(inflow=flow_in(beating)), roof_mesh(4))
     assert check_step(*arguments).failures == []
     monkeypatch.undo()
     assert failing(check_step(*arguments)) == {"momentum"}
@@ -324,7 +331,7 @@ def test_tolerance_is_that_of_the_caller(flap):
 
 
 def test_steady_solution_solves_every_step():
-    problem, mesh = flap_problem(inflow_factor=beating), flap_mesh(4)
+    problem, mesh = flap_problem(inflow=flow_in(beating)), flap_mesh(4)
     system = System.build(problem, mesh)
     solution = solve(system, tolerance=1e-11)
     steady = compute_forces(system, solution.state, solution.residual).total

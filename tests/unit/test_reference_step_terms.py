@@ -8,6 +8,7 @@ from test_reference_cases import (
     cantilever_problem,
     channel_mesh,
     channel_problem,
+    flow_in,
     profile,
     roof_mesh,
     roof_problem,
@@ -190,7 +191,7 @@ def test_solid_alone_has_velocities_in_time():
 
 
 def test_inflow_is_that_of_the_new_time():
-    problem, mesh = channel_problem(inflow_factor=beating), channel_mesh()
+    problem, mesh = channel_problem(inflow=flow_in(beating)), channel_mesh()
     system = System.build(problem, mesh)
     inlet = mesh.p2_coordinates[:, 0] == 0.0
     heights = profile(mesh.p2_coordinates[inlet, 1])

@@ -6,13 +6,23 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 from scipy.optimize import brentq
-from test_reference_cases import HEIGHT, LENGTH, channel_mesh, channel_problem, flap_mesh, flap_problem, state_of
+from test_reference_cases import (
+    HEIGHT,
+    LENGTH,
+    channel_mesh,
+    channel_problem,
+    flap_mesh,
+    flap_problem,
+    flow_in,
+    state_of,
+)
 from test_reference_check import failing
 from test_reference_step import beating, stepped
 from test_reference_step_terms import random_step
 
 from ffsi.reference import terms
 from ffsi.reference.check import check_step
+from ffsi.reference.conditions import Outlet
 from ffsi.reference.forces import compute_forces
 from ffsi.reference.from_scene import problem_from_scene
 from ffsi.reference.problem import Fluid
@@ -107,7 +117,7 @@ def test_plane_poiseuille_flow_solves_in_the_limit_of_fine_meshes(law):
         v = np.array([heights[y] for y in mesh.p2_coordinates[:, 1]])
         state = state_of(mesh, p=lambda x: slope * (LENGTH - x[:, 0]))
         state.v[:, 0] = v
-        problem = channel_problem(fluid=Fluid(1.3, law), outlet="zero-traction")
+        problem = channel_problem(fluid=Fluid(1.3, law), outlet=Outlet("zero-traction"))
         equations = compute_residual(System.build(problem, mesh), state).equations
         # At the outlet the shear stress is not zero; inside all rows hold.
         inner = (mesh.p2_coordinates[:, 0] < LENGTH) & System.build(problem, mesh).rows.momentum
@@ -139,7 +149,7 @@ def test_jacobian_of_a_law_is_the_derivative(law):
 
 @pytest.mark.parametrize("law", LAWS, ids=name_of)
 def test_newton_converges_and_step_passes(law):
-    problem, mesh = flap_problem(fluid=Fluid(1.0, law), inflow_factor=beating), flap_mesh(4)
+    problem, mesh = flap_problem(fluid=Fluid(1.0, law), inflow=flow_in(beating)), flap_mesh(4)
     assert solve(System.build(problem, mesh), tolerance=1e-10).residual.equations["momentum"].relative < 1e-10
     arguments = stepped(problem, mesh)
     assert check_step(*arguments).failures == []
@@ -163,7 +173,7 @@ def test_viscosity_of_the_old_state_is_that_of_its_shear_rate(monkeypatch):
         right = new_everywhere(fluid, step, new, old)
         return right | {"viscosity": step.mean(new.viscous_flux(fluid.viscosity), old_flux)}
 
-    problem, mesh = channel_problem(fluid=Fluid(1.3, BLOOD), inflow_factor=beating), channel_mesh()
+    problem, mesh = channel_problem(fluid=Fluid(1.3, BLOOD), inflow=flow_in(beating)), channel_mesh()
     monkeypatch.setattr(terms, "step_fluxes", wrong)
     arguments = stepped(problem, mesh)
     monkeypatch.undo()

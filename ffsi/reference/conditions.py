@@ -1,0 +1,97 @@
+"""Conditions at the boundaries: how fluid comes in and goes out, and what holds a wall from outside."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+
+from ffsi.rawfiles import Floats
+from ffsi.reference.materials import Array
+from ffsi.reference.step import Step
+
+OutletKind = Literal["do-nothing", "zero-traction", "pressure", "resistance", "windkessel"]
+
+
+@dataclass(frozen=True)
+class Inflow:
+    """Flow normal to a straight inlet.
+
+    ``velocity`` maps the distances s (n,) from ``start``, metres, and the time, seconds (0 in steady systems), to the
+    velocities (n,) along the unit vector ``inward``, metres per second. The inlet runs from its start along ``inward``
+    turned by +90 degrees.
+    """
+
+    velocity: Callable[[Floats, float], Floats]
+    start: tuple[float, float] = (0.0, 0.0)
+    inward: tuple[float, float] = (1.0, 0.0)
+
+    def at(self, points: Floats, time: float) -> Floats:
+        """Velocities (n, 2) at points (n, 2) of the inlet."""
+        x, y = self.inward
+        s = (points - np.array(self.start)) @ np.array([-y, x])
+        result: Floats = self.velocity(s, time)[:, None] * np.array(self.inward)
+        return result
+
+
+@dataclass(frozen=True)
+class Outlet:
+    """Natural condition at the outlet; flow rates are in m2/s, per metre depth.
+
+    ``pressure`` Pa and ``ramp``, the function of time that multiplies it; ``resistance`` Pa s/m2, in front of which the
+    flow rate drives the pressure at once: of the kind ``windkessel`` it is the proximal one, behind which the reservoir
+    of the ``compliance`` m2/Pa empties through the ``distal`` resistance. ``backflow`` is the weight of the momentum
+    that fluid which comes back brings along. Raises ``ValueError`` for an unknown kind.
+    """
+
+    kind: OutletKind
+    pressure: float = 0.0
+    resistance: float = 0.0
+    distal: float = 0.0
+    compliance: float = 0.0
+    backflow: float = 0.0
+    ramp: Callable[[float], float] | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse unknown kinds."""
+        if self.kind not in get_args(OutletKind):
+            raise ValueError(f"outlet kind {self.kind!r}, accepted: {get_args(OutletKind)}")
+
+    @property
+    def presses(self) -> bool:
+        """Whether there is a pressure at the outlet, one number for all of it."""
+        return self.kind in ("pressure", "resistance", "windkessel")
+
+    def pressure_at(self, time: float) -> float:
+        """Given part of the pressure, Pa."""
+        return self.pressure if self.ramp is None else self.ramp(time) * self.pressure
+
+    def steady(self, flow: Array | float) -> Array | float:
+        """Pressure, Pa, at a steady flow rate: what enters the reservoir leaves it."""
+        return self.pressure + (self.resistance + self.distal) * flow
+
+    def during(self, step: Step, flow: Array | float, reservoir: float) -> Array | float:
+        """Pressure in a step, Pa, that of the time n + theta with its ``flow`` rate; ``reservoir`` Pa at its start."""
+        behind: Array | float = self.pressure_at(step.between)
+        if self.kind == "windkessel":
+            behind = step.theta * self.reservoir_after(step, flow, reservoir) + (1.0 - step.theta) * reservoir
+        return behind + self.resistance * flow
+
+    def reservoir_after(self, step: Step, flow: Array | float, reservoir: float) -> Array | float:
+        """Pressure of the reservoir at the end of a step, from the balance of what enters, stays and leaves."""
+        given = self.pressure_at(step.between)
+        stays, leaves = self.compliance / step.k, 1.0 / self.distal
+        known = stays * reservoir - leaves * ((1.0 - step.theta) * reservoir - given)
+        return (flow + known) / (stays + step.theta * leaves)
+
+    def at_end(self, step: Step, flow: float, reservoir: float) -> float:
+        """Pressure at the end of a step, with the flow rate and the ``reservoir`` there."""
+        return (reservoir if self.kind == "windkessel" else self.pressure_at(step.time)) + self.resistance * flow
+
+
+@dataclass(frozen=True)
+class Support:
+    """Elastic support of a wall from outside: ``stiffness`` Pa/m and ``damping`` Pa s/m, per reference length."""
+
+    stiffness: float
+    damping: float = 0.0

@@ -1,0 +1,347 @@
+"""Inlets, outlets with a pressure, backflow and supports: exact solutions, Jacobians, and what the checker refuses."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from test_reference_cases import (
+    HEIGHT,
+    LENGTH,
+    MEAN_VELOCITY,
+    cantilever_problem,
+    channel_mesh,
+    channel_problem,
+    flow_in,
+    profile,
+    roof_mesh,
+    roof_problem,
+    state_of,
+)
+from test_reference_check import failing
+from test_reference_step import K, beating, quantities_of, rest
+from test_reference_step_terms import random_step
+
+from ffsi.rawfiles import RawState
+from ffsi.reference import terms
+from ffsi.reference.check import check_state, check_step
+from ffsi.reference.conditions import Inflow, Outlet, Support
+from ffsi.reference.materials import StVenantKirchhoff
+from ffsi.reference.problem import Boundary, Fluid, Solid
+from ffsi.reference.residual import compute_residual
+from ffsi.reference.solve import jacobian, residual_vector, solve, solve_step
+from ffsi.reference.step import Step
+from ffsi.reference.system import System
+from ffsi.reference.viscosity import Newtonian
+
+VISCOSITY = 0.05
+FLOW = MEAN_VELOCITY * HEIGHT
+SLOPE = 12.0 * VISCOSITY * MEAN_VELOCITY / HEIGHT**2  # of the pressure of plane Poiseuille flow
+WINDKESSEL = Outlet("windkessel", 0.4, resistance=1.5, distal=4.0, compliance=0.07)
+
+
+# Inlets ---------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("start", "inward", "label"),
+    [((0, 0), (1, 0), 1), ((LENGTH, HEIGHT), (-1, 0), 2), ((LENGTH, 0), (0, 1), 4), ((0, HEIGHT), (0, -1), 3)],
+)
+def test_inlet_of_any_direction(start, inward, label):
+    # An unsymmetric profile tells both ends of the inlet from each other.
+    mesh = channel_mesh()
+    boundaries = tuple(
+        Boundary(str(number), number, "inlet" if number == label else "no-slip") for number in (1, 2, 3, 4)
+    )
+    inflow = Inflow(lambda s, time: (1.0 + time) * (s + s**2), start, inward)
+    problem = channel_problem(boundaries=boundaries, inflow=inflow)
+    system = System.build(problem, mesh)
+    nodes = np.unique(mesh.edge_nodes[mesh.label == label])
+    along = np.abs(mesh.p2_coordinates[nodes] - np.array(start)).sum(axis=1)  # both axes: one difference is zero
+    ends = along == along.max()
+    expected = ((along + along**2) * ~ends)[:, None] * np.array(inward)  # a wall wins at a common node
+    np.testing.assert_allclose(system.rows.prescribed.v[nodes], expected, rtol=0, atol=1e-14)
+    later = system.stepping(rest(system), Step(K, 0.5, 0.7)).rows.prescribed.v[nodes]
+    np.testing.assert_allclose(later, 1.7 * expected, rtol=0, atol=1e-14)
+
+
+# Outlets: Poiseuille flow, which the elements hold exactly ------------------------------------------------------------
+
+
+def poiseuille_system(outlet, factor=None, density=1.3, mesh=None):
+    problem = channel_problem(fluid=Fluid(density, Newtonian(VISCOSITY)), outlet=outlet, inflow=flow_in(factor))
+    return System.build(problem, mesh or channel_mesh())
+
+
+@pytest.mark.parametrize(
+    ("outlet", "pressure"),
+    [
+        (Outlet("pressure", 0.7), 0.7),
+        (Outlet("pressure", 0.7, backflow=0.5), 0.7),  # nothing comes back
+        (Outlet("resistance", 0.7, resistance=2.0), 0.7 + 2.0 * FLOW),
+        (WINDKESSEL, 0.4 + 5.5 * FLOW),
+    ],
+)
+def test_steady_pressure_at_the_outlet(outlet, pressure):
+    system = poiseuille_system(outlet)
+    solution = solve(system, tolerance=1e-9)
+    nodes = system.mesh.p2_coordinates
+    np.testing.assert_allclose(solution.state.v[:, 0], profile(nodes[:, 1]), rtol=0, atol=1e-8)
+    np.testing.assert_allclose(solution.state.p, pressure + SLOPE * (LENGTH - system.mesh.vertices[:, 0]), rtol=1e-7)
+    quantities = quantities_of(system, solution.state)
+    assert quantities["flow_rate_out"] == pytest.approx(FLOW, rel=1e-8)
+    assert quantities["outlet_pressure"] == pytest.approx(pressure, rel=1e-8)
+    assert check_state(system.problem, system.mesh, solution.state, quantities).failures == []
+    for name, value in quantities.items():
+        if name in ("flow_rate_out", "outlet_pressure"):
+            for lied in (quantities | {name: value * (1 + 2e-8)}, {k: v for k, v in quantities.items() if k != name}):
+                report = check_state(system.problem, system.mesh, solution.state, lied)
+                assert failing(report) == {"outlet_difference"}
+
+
+def quasi_steady(outlet, theta_of, count, end=0.3, factor=None):
+    """Pressures at the outlet, of the time n + theta, and of the reservoir in creeping flow, by steps from t = 0."""
+    system = poiseuille_system(outlet, factor, density=0.0)
+    k = end / count
+    theta = theta_of(k)
+    flow = factor or (lambda time: 1.0)
+    state, reservoir = (
+        state_of(system.mesh, v=lambda x: flow(0.0) * np.column_stack([profile(x[:, 1]), 0 * x[:, 1]])),
+        0.0,
+    )
+    found = []
+    for number in range(1, count + 1):
+        step = Step(k, theta, number * k)
+        state = solve_step(system, state, step, tolerance=1e-9, reservoir=reservoir).state
+        mean = theta * flow(step.time) + (1 - theta) * flow(step.start)
+        at_outlet = state.p[system.mesh.vertices[:, 0] == LENGTH]
+        before = state.p[system.mesh.vertices[:, 0] == 0.0]
+        np.testing.assert_allclose(before - at_outlet, mean * SLOPE * LENGTH, rtol=1e-7)
+        reservoir = float(outlet.reservoir_after(step, mean * FLOW, reservoir)) if outlet.distal else 0.0
+        found.append((at_outlet.mean(), reservoir))
+    return found, Step(k, theta, end).between
+
+
+@pytest.mark.parametrize("theta", [0.5, 0.7, 1.0])
+def test_pressure_in_a_step_is_that_of_its_time_between(theta):
+    def ramp(time):
+        return 1.0 + 2.0 * time
+
+    outlet = Outlet("resistance", 0.7, resistance=2.0, ramp=ramp)
+    found, between = quasi_steady(outlet, lambda k: theta, 3, factor=beating)
+    mean = theta * beating(0.3) + (1 - theta) * beating(0.2)
+    assert between == pytest.approx(0.2 + theta * 0.1, rel=1e-14)
+    assert found[-1][0] == pytest.approx(0.7 * ramp(between) + 2.0 * mean * FLOW, rel=1e-9)
+
+
+@pytest.mark.parametrize(("theta_of", "order"), [(lambda k: 0.5, 2), (lambda k: 0.5 + k, 2), (lambda k: 1.0, 1)])
+def test_windkessel_fills_like_its_differential_equation(theta_of, order):
+    # C dp/dt + (p - P)/R_d = Q with a constant flow rate, from p = 0.
+    outlet = WINDKESSEL
+    last = outlet.pressure + outlet.distal * FLOW
+
+    def exact(time):
+        return last * (1.0 - math.exp(-time / (outlet.distal * outlet.compliance)))
+
+    errors = []
+    for count in (6, 12):
+        found, between = quasi_steady(outlet, theta_of, count)
+        pressure, reservoir = found[-1]
+        errors.append([reservoir - exact(0.3), pressure - outlet.resistance * FLOW - exact(between)])
+    np.testing.assert_allclose(np.log2(np.abs(errors[0]) / np.abs(errors[1])), order, atol=0.3)
+
+
+def test_windkessel_at_rest_in_its_steady_state_stays():
+    last = WINDKESSEL.pressure + WINDKESSEL.distal * FLOW
+    after = WINDKESSEL.reservoir_after(Step(K, 0.6, K), FLOW, last)
+    assert after == pytest.approx(last, rel=1e-14)
+    assert WINDKESSEL.during(Step(K, 0.6, K), FLOW, last) == pytest.approx(WINDKESSEL.steady(FLOW), rel=1e-14)
+
+
+# Backflow and support: their integrals --------------------------------------------------------------------------------
+
+
+def test_backflow_acts_where_the_flow_comes_back():
+    # v_x = y - 1/2 comes back below the height 1/2, an edge's end; w = (1, 0) and w = (0, 1).
+    mesh = channel_mesh(6, 4)
+    outlet = Outlet("zero-traction", backflow=0.4)
+    system = poiseuille_system(outlet, mesh=mesh)
+    state = state_of(mesh, v=lambda x: np.column_stack([x[:, 1] - 0.5, 1.0 + x[:, 1]]))
+    found = compute_residual(system, state).equations["momentum"].terms["backflow"].sum(axis=0)
+    expected = [
+        quad(lambda y: -0.4 * 1.3 * (y - 0.5) * (y - 0.5), 0.0, 0.5)[0],
+        quad(lambda y: -0.4 * 1.3 * (y - 0.5) * (1.0 + y), 0.0, 0.5)[0],
+    ]
+    np.testing.assert_allclose(found, expected, rtol=1e-12)
+    away = state_of(mesh, v=lambda x: np.column_stack([0.1 + x[:, 1], 1.0 + x[:, 1]]))
+    assert not compute_residual(system, away).equations["momentum"].terms["backflow"].any()
+
+
+def supported_block(**changes):
+    boundaries = (
+        Boundary("left", 1, "free"),
+        Boundary("right", 2, "free"),
+        Boundary("top", 3, "loaded"),
+        Boundary("bottom", 4, "supported"),
+    )
+    values = dict(boundaries=boundaries, gravity=(0.0, 0.0), traction=(0.0, -1.5), support=Support(20.0, 3.0))
+    return cantilever_problem(**(values | changes))
+
+
+def test_block_sinks_into_its_support():
+    # Nothing else holds it, and it does not bulge: u_y at the bottom is the traction by the stiffness.
+    mesh = channel_mesh(region=2)
+    system = System.build(supported_block(solids={2: Solid(2.0, StVenantKirchhoff(0.0, 30.0))}), mesh)
+    state = solve(system, tolerance=1e-11).state
+    bottom = np.unique(mesh.edge_nodes[mesh.label == 4])
+    np.testing.assert_allclose(state.u[bottom, 1], -1.5 / 20.0, rtol=1e-9)
+    force = compute_residual(system, state).equations["momentum"].terms["support"].sum(axis=0)
+    np.testing.assert_allclose(force, [0.0, -1.5 * LENGTH], rtol=1e-10, atol=1e-10)
+
+
+def test_support_in_a_step_is_the_mean_of_both_ends():
+    system, state = random_step(supported_block(), channel_mesh(region=2))
+    found = compute_residual(system, state).equations["momentum"].terms["support"]
+    step, old, mesh = system.increment.step, system.increment.old, system.mesh
+    force = 20.0 * step.mean(state.u, old.u) + 3.0 * step.mean(state.v, old.v)
+    edges = mesh.edge_nodes[mesh.label == 4]
+    # Mass matrix of the quadratic line element with the nodes 0, 1, 1/2.
+    mass = np.array([[4, -1, 2], [-1, 4, 2], [2, 2, 16]]) / 30 * (LENGTH / len(edges))
+    expected = np.zeros_like(found)
+    np.add.at(expected, edges, mass @ force[edges])
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-14)
+
+
+# All of them together -------------------------------------------------------------------------------------------------
+
+# The outer side of the roof is supported, the flow comes back at the outlet while the inflow turns.
+HELD = Support(8.0, 0.5)
+
+
+def vessel_problem(**changes):
+    boundaries = tuple(
+        dataclasses.replace(b, role="supported") if b.role == "free" else b for b in roof_problem().boundaries
+    )
+    values = dict(
+        boundaries=boundaries,
+        support=HELD,
+        outlet=dataclasses.replace(WINDKESSEL, backflow=0.6, ramp=lambda time: 1.0 - 0.5 * math.exp(-5.0 * time)),
+        inflow=flow_in(lambda time: math.cos(8.0 * time)),
+    )
+    return roof_problem(**(values | changes))
+
+
+@pytest.mark.parametrize("steady", [True, False])
+def test_jacobian_is_the_derivative(steady):
+    system, state = random_step(vessel_problem(), roof_mesh(4))
+    if steady:
+        system = System.build(vessel_problem(), roof_mesh(4))
+    exact, differences = (jacobian(system, state, method) for method in ("complex-step", "divided-difference"))
+    np.testing.assert_allclose(differences.toarray(), exact.toarray(), rtol=0, atol=1e-5 * np.abs(exact.data).max())
+    rng = np.random.default_rng(5)
+    fields = [getattr(state, field) for field in ("u", "v", "p", "ps")]
+    change = [1e-3 * rng.normal(size=field.shape) for field in fields]
+
+    def moved(t):
+        new = RawState(*(value + t * direction for value, direction in zip(fields, change, strict=True)))
+        return residual_vector(system, new, compute_residual(system, new))
+
+    expected = (moved(1e-3) - moved(-1e-3)) / 2e-3
+    found = exact @ np.concatenate([direction.ravel() for direction in change])
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-6 * np.abs(expected).max())
+
+
+@pytest.fixture(scope="module")
+def vessel():
+    """Arguments of ``check_step`` for the last of some steps, and the reservoir at its start."""
+    problem, mesh = vessel_problem(), roof_mesh(4)
+    system = System.build(problem, mesh)
+    states, reservoir = [rest(system)], 0.3
+    for number in range(1, 5):
+        step, start = Step(K, 0.6, number * K), reservoir
+        states.append(solve_step(system, states[-1], step, tolerance=1e-11, reservoir=start).state)
+        quantities = quantities_of(system.stepping(states[-2], step, start), states[-1])
+        reservoir = quantities["windkessel_new"]
+    return problem, mesh, *states[-2:], step, quantities, start
+
+
+def check(vessel, problem=None, reservoir=None, **lies):
+    own, *arguments, quantities, start = vessel
+    return check_step(
+        problem or own, *arguments, quantities | lies, reservoir=start if reservoir is None else reservoir
+    )
+
+
+def test_step_with_all_conditions_passes(vessel):
+    _, _, _, new, _, quantities, _ = vessel
+    assert check(vessel).failures == []
+    assert new.v[np.unique(vessel[1].edge_nodes[vessel[1].label == 2]), 0].min() < 0.0  # it does come back
+    assert abs(quantities["windkessel_new"] / quantities["windkessel_old"] - 1.0) > 0.01
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        dict(pressure=0.401),
+        dict(resistance=1.501),
+        dict(distal=4.01),
+        dict(compliance=0.0701),
+        dict(backflow=0.601),
+        dict(backflow=0.0),
+        dict(ramp=None),
+        dict(kind="resistance"),
+        dict(kind="do-nothing"),
+        dict(kind="zero-traction"),
+    ],
+    ids=str,
+)
+def test_step_with_another_outlet_is_refused(vessel, changes):
+    problem = vessel[0]
+    other = dataclasses.replace(problem, outlet=dataclasses.replace(problem.outlet, **changes))
+    assert "momentum" in failing(check(vessel, other))
+
+
+@pytest.mark.parametrize("held", [Support(8.01, 0.5), Support(8.0, 0.505), Support(0.0, 0.0)], ids=str)
+def test_step_with_another_support_is_refused(vessel, held):
+    assert "momentum" in failing(check(vessel, dataclasses.replace(vessel[0], support=held)))
+
+
+def test_step_from_another_reservoir_is_refused(vessel):
+    assert {"momentum", "outlet_difference"} <= failing(check(vessel, reservoir=vessel[-1] * 1.001))
+
+
+@pytest.mark.parametrize("name", ["flow_rate_out", "outlet_pressure", "windkessel_old", "windkessel_new"])
+def test_reported_outlet_is_checked(vessel, name):
+    *_, quantities, _ = vessel
+    assert failing(check(vessel, **{name: quantities[name] * (1 + 1e-4)})) == {"outlet_difference"}
+    assert failing(check(vessel, **{name: math.nan})) == {"outlet_difference"}
+
+
+def test_steady_solid_is_not_damped():
+    held = Solid(2.0, StVenantKirchhoff(60.0, 30.0))
+    problem = supported_block(solids={2: held})
+    mesh = channel_mesh(region=2)
+    states = [
+        solve(System.build(dataclasses.replace(problem, support=Support(20.0, damping)), mesh)).state
+        for damping in (0.0, 100.0)
+    ]
+    np.testing.assert_array_equal(states[0].u, states[1].u)
+
+
+@pytest.mark.parametrize("role", ["inlet", "outlet", "supported"])
+def test_boundary_without_its_condition_is_refused(role):
+    key = {"inlet": "inflow", "outlet": "outlet", "supported": "support"}[role]
+    with pytest.raises(ValueError, match=f"a boundary with the role {role}, but nothing"):
+        vessel_problem(**{key: None})
+    with pytest.raises(ValueError, match="outlet kind 'open', accepted"):
+        Outlet("open")
+
+
+def test_complex_step_passes_the_kink_of_the_backflow():
+    v = np.array([[[-0.3, 0.2], [0.5, 0.1], [0.2, -0.1]]])
+    change = v + 1j * 1e-30 * np.ones_like(v)
+    normal = np.array([[0.5, 0.1]])
+    slope = terms.backflow(1.0, normal, change).imag / 1e-30
+    numeric = (terms.backflow(1.0, normal, v + 1e-6) - terms.backflow(1.0, normal, v - 1e-6)) / 2e-6
+    np.testing.assert_allclose(slope, numeric, rtol=1e-5, atol=1e-8)

@@ -1,0 +1,111 @@
+"""Run folders in time with a Windkessel: its reservoir follows from the flow rates of the history."""
+
+import csv
+import json
+import math
+
+import pytest
+from test_reference_check import failing, scene_mesh
+from test_reference_step import quantities_of, rest
+
+from ffsi.rawfiles import write_mesh, write_state
+from ffsi.reference.check import check_run
+from ffsi.reference.from_scene import problem_from_scene
+from ffsi.reference.solve import solve_step
+from ffsi.reference.step import Step
+from ffsi.reference.system import System
+from ffsi.scene import CASES, with_values
+
+CHANGES = {
+    "inflow.mean_velocity": 0.05,
+    "solid.flap.lame_lambda": 800.0,
+    "solid.flap.lame_mu": 200.0,
+    "mesh_motion.kind": "harmonic",
+    "time.step": 0.05,
+    "time.end": 0.13,
+    "outlet.kind": "windkessel",
+    "outlet.pressure": 0.02,
+    "outlet.proximal_resistance": 0.3,
+    "outlet.distal_resistance": 1.1,
+    "outlet.compliance": 0.04,
+    "outlet.backflow": 0.5,
+}
+COLUMNS = ("time", "step", "flow_rate_out", "outlet_pressure")
+
+
+@pytest.fixture(scope="module")
+def solved():
+    """Scene without a ramp, its mesh, states, rows of the history and the entry of the last step."""
+    scene = with_values(CASES["flap-svk"], CHANGES)
+    mesh = scene_mesh(scene)
+    system = System.build(problem_from_scene(scene), mesh)
+    states, history, time, reservoir = [rest(system)], [], 0.0, 0.02
+    for k in (0.05, 0.05, 0.03):
+        time += k
+        step, start = Step(k, 0.5 + k, time), reservoir
+        states.append(solve_step(system, states[-1], step, tolerance=1e-11, reservoir=start).state)
+        quantities = quantities_of(system.stepping(states[-2], step, start), states[-1])
+        reservoir = quantities["windkessel_new"]
+        values = (time, k, quantities["flow_rate_out"], quantities["outlet_pressure"])
+        history.append(dict(zip(COLUMNS, values, strict=True)))
+    entry = {"step": 3, "time": time, "k": k, "theta": step.theta, "old": "old.bin", "new": "new.bin"}
+    forces = {name: quantities[name] for name in ("drag", "lift")}
+    return (
+        scene,
+        mesh,
+        states,
+        history,
+        entry
+        | {
+            "quantities": forces,
+            "windkessel_old": start,
+            "windkessel_new": reservoir,
+        },
+    )
+
+
+@pytest.fixture
+def run(tmp_path, solved):
+    """Function that writes the run folder with some changes and returns the checker's report."""
+    scene, mesh, states, history, entry = solved
+
+    def write(entry_changes=(), history_changes=(), row=0):
+        write_mesh(tmp_path / "mesh.bin", mesh)
+        write_state(tmp_path / "old.bin", states[-2])
+        write_state(tmp_path / "new.bin", states[-1])
+        (tmp_path / "point-0001.json").write_text("{}")
+        (tmp_path / "steps.json").write_text(json.dumps([entry | dict(entry_changes)]))
+        rows = [dict(line) for line in history]
+        rows[row] |= dict(history_changes)
+        with (tmp_path / "history.csv").open("w", newline="") as file:
+            writer = csv.DictWriter(file, COLUMNS)
+            writer.writeheader()
+            writer.writerows(rows)
+        return check_run(tmp_path, scene)
+
+    return write
+
+
+def test_run_with_a_windkessel_passes(run):
+    report = run()
+    assert report.failures == []
+    assert report.outlet_difference < 1e-12
+
+
+def test_reservoirs_that_do_not_follow_from_the_history_are_seen(run, solved):
+    entry, history = solved[-1], solved[-2]
+    for name in ("windkessel_old", "windkessel_new"):
+        assert failing(run({name: entry[name] * (1 + 1e-6)})) == {"outlet_difference"}
+        assert failing(run({name: math.nan})) == {"outlet_difference"}
+    # An earlier flow rate, and with it all reservoirs after it.
+    changed = {"flow_rate_out": history[0]["flow_rate_out"] * 1.001}
+    assert {"momentum", "outlet_difference"} <= failing(run(history_changes=changed))
+    changed = {"outlet_pressure": history[2]["outlet_pressure"] * (1 + 1e-6)}
+    assert failing(run(history_changes=changed, row=2)) == {"outlet_difference"}
+
+
+def test_history_that_does_not_fit_is_refused(run):
+    with pytest.raises(ValueError, match=r"history\.csv: no step 4, the last is 3"):
+        run({"step": 4})
+    with pytest.raises(ValueError, match=r"history\.csv: no number"):
+        run(history_changes={"flow_rate_out": ""})
