@@ -27,6 +27,7 @@ FLAP_MESH = Mesh(level=1)
 # Element sizes at level 0 where the geometry's defaults are not the best: a flow needs the wake, a beam its corners.
 FLOW_MESH = Mesh(growth=0.4, far_size=0.05, body_size=0.012, corner_size=0.0025)
 CYLINDER_MESH = Mesh(growth=0.4, far_size=0.05, body_size=0.008, corner_size=0.0025)
+CYLINDER_STREET_MESH = Mesh(growth=0.3, far_size=0.037, body_size=0.006, corner_size=0.0025)
 SHEDDING_MESH = Mesh(growth=0.35, far_size=0.0435, body_size=0.0105, corner_size=0.0022)
 FLUTTER_MESH = Mesh(growth=0.63, far_size=0.07, body_size=0.0125, corner_size=0.006)
 BEAM_MESH = Mesh(growth=0.5, far_size=0.09, body_size=0.012, corner_size=0.001)
@@ -119,7 +120,7 @@ def cylinder(name: str, description: str, inflow: Inflow, time: Time | None = No
         name=name,
         description=description,
         geometry=ChannelCylinder(length=2.2),
-        mesh=CYLINDER_MESH,
+        mesh=CYLINDER_STREET_MESH if time else CYLINDER_MESH,
         fluid=Newtonian(density=1.0, viscosity=1e-3),
         inflow=inflow,
         outlet=DO_NOTHING,
