@@ -26,7 +26,8 @@ Array = NDArray[np.float64]
 BLOCK = 2
 """Periods of one of the two blocks that `periodic` compares."""
 
-_REFERENCES = ("tip_uy", "lift")
+REFERENCES = ("tip_uy", "lift", "drag")
+"""Signals whose last full period may count, by `reference_column`."""
 _ENERGIES = ("kinetic", "elastic", "dissipated", "work")
 _NO_QUANTITIES = frozenset({"time", "step", "iterations", "factorized", "min_jacobian", "seconds", *_ENERGIES})
 
@@ -230,7 +231,7 @@ def quantities_of_history(history: pd.DataFrame, reference: str | None = None) -
     Args:
         history: one row per time step: the column `time` (s) and one for each quantity (SI); columns on the
             computation itself (`step`, `iterations`, ...) are left out.
-        reference: the column whose last full period is taken; None: `tip_uy`, without it `lift`, without both each
+        reference: the column whose last full period is taken; None: that of `reference_column`, without it each
             quantity's own.
 
     Returns:
@@ -258,8 +259,18 @@ def oscillations(history: pd.DataFrame, reference: str | None = None) -> dict[st
 
 
 def reference_column(history: pd.DataFrame) -> str | None:
-    """Return the column whose period counts: `tip_uy`, without it `lift`; None without both."""
-    return next((name for name in _REFERENCES if name in history.columns), None)
+    """Return the column whose period counts: `tip_uy`, without it `lift`; None without both.
+
+    `drag`, where the lift is but rounding beside it: on the walls of a channel and on whatever else is symmetric.
+    """
+    tip, lift, drag = REFERENCES
+    if tip in history.columns or lift not in history.columns:
+        return tip if tip in history.columns else None
+    if drag in history.columns and len(history):
+        sizes = history[[lift, drag]].abs().max()
+        if sizes[drag] > 0 and sizes[lift] <= _ROUNDING * sizes[drag]:
+            return drag
+    return lift
 
 
 def strouhal(frequency: float, length: float, speed: float) -> float:

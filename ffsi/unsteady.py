@@ -40,7 +40,7 @@ class Watch:
     """Follows a running computation: reports its mean, amplitude and frequency, and ends it when it is periodic.
 
     A listener that passes every event on and adds, every few seconds, `signal` events with `name`, `unit`, `mean`,
-    `amplitude` (both in that unit) and `frequency` (Hz) of the last full period of the tip's u_y, or of the lift.
+    `amplitude` (both in that unit) and `frequency` (Hz) of the last full period of `metrics.reference_column`.
     """
 
     def __init__(
@@ -84,18 +84,17 @@ class Watch:
 
 
 class _Tail:
-    """The times and the signal of a history that grows; every line is read once."""
+    """The times and the signals of a history that grows; every line is read once."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.name = ""
         self.times: list[float] = []
-        self.values: list[float] = []
+        self._signals: dict[str, list[float]] = {}
+        self._columns: dict[str, int] = {}
         self._offset = 0
-        self._column = -1
 
     def read(self) -> tuple[str, Sequence[float], Sequence[float]]:
-        """Return the signal's name, the times (s) and the values up to now."""
+        """Return the name of the signal that counts, the times (s) and its values up to now; without one no times."""
         if self.path.is_file():
             with self.path.open("rb") as file:
                 file.seek(self._offset)
@@ -103,15 +102,17 @@ class _Tail:
             self._offset += len(whole[0]) + len(whole[1])
             for line in whole[0].decode("utf-8", errors="replace").splitlines():
                 self._take(line.split(","))
-        return self.name, self.times, self.values
+        name = metrics.reference_column(pd.DataFrame(self._signals))
+        return (name, self.times, self._signals[name]) if name else ("", [], [])
 
     def _take(self, cells: list[str]) -> None:
-        if not self.name:
-            self.name = metrics.reference_column(pd.DataFrame(columns=cells)) or ""
-            self._column = cells.index(self.name) if self.name else -1
-        elif self._column >= 0:
+        if not self._columns:
+            self._columns = {name: column for column, name in enumerate(cells)}
+            self._signals = {name: [] for name in metrics.REFERENCES if name in self._columns}
+        else:
             self.times.append(float(cells[0]))
-            self.values.append(float(cells[self._column]))
+            for name, values in self._signals.items():
+                values.append(float(cells[self._columns[name]]))
 
 
 def settled(scene: Scene, times: Sequence[float], values: Sequence[float]) -> Periodicity:

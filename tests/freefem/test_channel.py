@@ -87,6 +87,23 @@ def test_the_force_on_the_walls_in_time(scheme, tmp_path):
     assert result.data["check"]["drag_difference"] < 1e-9
 
 
+def test_a_pulsating_flow_is_periodic_by_the_drag(tmp_path):
+    """The lift is rounding: nothing to find a period in."""
+    result = ffsi.solve(
+        channel(
+            geometry={"kind": "channel", "length": 4 * HEIGHT, "height": HEIGHT},
+            inflow={"mean_velocity": MEAN, "waveform": "1 + 0.75*sin(2*pi*t)"},
+            time={"step": 0.05, "end": 20.0, "stop": "periodic"},
+        ),
+        tmp_path / "run",
+    )
+    assert result.status == "converged", result.reason
+    assert result.data["time"]["periodic"]
+    drag = result.quantities["drag"]
+    assert drag["frequency"] == pytest.approx(1, rel=1e-3)
+    assert drag["mean"] == pytest.approx(SLOPE * 4 * HEIGHT**2, rel=5e-3)
+
+
 def test_the_force_on_a_flap_in_time(tmp_path):
     """It stands on the floor: the traction of the floor's first edges is taken off in a step, too."""
     time = ["time.step=0.05", "time.end=0.2", "inflow.ramp=0.5"]

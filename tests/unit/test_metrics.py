@@ -264,6 +264,9 @@ def test_the_reference_column() -> None:
     history = fsi3(times(6.0))
     flow = history[["time", "drag", "lift"]]
     assert reference_column(flow) == "lift"
+    assert reference_column(flow.assign(lift=1e-12 * flow["lift"])) == "drag"
+    assert reference_column(flow[:0]) == "lift"
+    assert reference_column(flow.assign(drag=0.0, lift=0.0)) == "lift"
     assert quantities_of_history(flow)["drag"]["frequency"] == pytest.approx(2 * F, rel=1e-4)
     assert reference_column(flow[["time", "drag"]]) is None
     assert quantities_of_history(flow[["time", "drag"]])["drag"]["amplitude"] == pytest.approx(22.66, rel=1e-3)
