@@ -78,7 +78,7 @@ class PeriodicCase:
     name: str
     compared: tuple[Compared, ...]
     coarser: tuple[int, ...] = (0, 1)
-    parts: tuple[float, ...] = (1.0, 0.5)
+    parts: tuple[float, ...] = (1.0, 2.0)
 
     @property
     def runs(self) -> list[PeriodicRun]:
