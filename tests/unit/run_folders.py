@@ -175,5 +175,6 @@ class FakeCheck:
         numbers = dict.fromkeys(names, 1e-12) | {
             "momentum": 1e-3 if failures else 1e-11,
             "coefficient_difference": None,
+            "outlet_difference": None,
         }
         return SimpleNamespace(**numbers, passed=not failures, failures=failures)

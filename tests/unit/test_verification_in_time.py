@@ -118,11 +118,11 @@ def test_every_case_runs_on_two_meshes_with_two_steps_the_catalogue_first(case):
     assert [run.is_default for run in runs] == [True, False, False, False]
     assert len({run.name for run in runs}) == 4
     assert {run.level for run in runs} == {own.mesh.level, own.mesh.level - 1}
-    assert {run.step for run in runs} == {own.time.step, own.time.step / 2}
+    assert {run.step for run in runs} == {own.time.step, own.time.step * 2}
     for run in runs:
         scene = run.scene
         assert scene.time is not None
-        assert (scene.mesh.level, scene.time.step, scene.time.stop) == (run.level, run.step, "periodic")
+        assert (scene.mesh.level, scene.time.step, scene.time.stop) == (run.level, run.step, own.time.stop)
 
 
 # Run folders ----------------------------------------------------------------------------------------------------------
