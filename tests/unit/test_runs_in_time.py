@@ -205,7 +205,7 @@ def test_the_lift_counts_where_nothing_moves(tmp_path):
     events = []
     t = np.arange(0.01, 12.0, 0.01)
     write_history(tmp_path, t, 3 + np.sin(2 * np.pi * t), "lift")
-    Watch(load_scene("cylinder-2d2", []), tmp_path, events.append).look()
+    Watch(load_scene("cylinder-2d2", ["time.stop=periodic"]), tmp_path, events.append).look()
     assert (events[0].fields["name"], events[0].fields["unit"]) == ("lift", "N/m")
     assert (tmp_path / "stop").read_text() == "1 periodic\n"
 
