@@ -60,8 +60,8 @@ class Size:
 
 
 SIZES = (
-    Size("13k", 13_000, ("mesh.level=1", "mesh.size_factor=0.96"), 0.12),
-    Size("30k", 30_000, ("mesh.level=2", "mesh.size_factor=0.88"), 0.28),
+    Size("13k", 13_000, ("mesh.level=1", "mesh.size_factor=1.1"), 0.12),
+    Size("30k", 30_000, ("mesh.level=2",), 0.28),
 )
 
 

@@ -30,10 +30,8 @@ def error(result: Result, fine: Result) -> float:
 
 
 def test_steps_follow_the_accepted_error_and_hit_the_outputs(tmp_path, fine):
-    runs = [
-        swing(tmp_path, f"error-{tolerance}", f"time={{step=0.05, end=0.4, adaptive=true, error={tolerance}, output_interval=0.1}}")
-        for tolerance in (1e-2, 1e-3)
-    ]  # fmt: skip
+    words = "time={{step=0.05, end=0.4, adaptive=true, error={}, output_interval=0.1}}"
+    runs = [swing(tmp_path, f"error-{tolerance}", words.format(tolerance)) for tolerance in (1e-2, 1e-3)]
     for run in runs:
         assert run.converged, run.reason
         times = pd.read_csv(run.directory / "steps.csv", skipinitialspace=True)["time"]
@@ -59,5 +57,5 @@ def test_the_energy_of_a_flow_around_a_beam(tmp_path):
     )
     energy = solve(scene, tmp_path / "run").data["time"]["energy"]
     assert energy["kinetic"] > 0.8 * energy["work"] > 0
-    assert 0 < energy["dissipated"]
+    assert energy["dissipated"] > 0
     assert abs(energy["imbalance"]) < 5e-3

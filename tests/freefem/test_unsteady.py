@@ -14,8 +14,10 @@ import pytest
 from conftest import PLAIN
 
 import ffsi
+from ffsi import folder
 from ffsi.freefem import Event
 from ffsi.reference import check_run
+from ffsi.render import render
 from ffsi.result import Result, load_result
 from ffsi.run import solve
 from ffsi.scene import Scene, load_scene
@@ -25,6 +27,8 @@ STEPS = [
     *("mesh.level=0", "time.step=0.01", "time.end=0.3", "time.stop=end"),
     *("time.output_interval=0.07", "time.checkpoint_interval=0.08"),
 ]
+# Share of the steps after which the script is killed, and the part of a step that it is let go on.
+MOMENTS = np.random.default_rng(20).uniform((0.0, 0.0), (0.85, 1.0), (10, 2)).tolist()
 
 
 def fsi3(*settings: str) -> Scene:
@@ -40,16 +44,21 @@ def settings_of(*words: str) -> list[str]:
     return [item for word in words for item in ("--set", word)]
 
 
+def wait_for_rows(history: Path, rows: float, process: subprocess.Popen[bytes]) -> None:
+    deadline = time.monotonic() + 60
+    while not history.is_file() or len(history.read_text().splitlines()) <= rows:
+        assert process.poll() is None, "it ended before it could be killed"
+        assert time.monotonic() < deadline
+        time.sleep(0.001)
+
+
 def killed(out: Path, rows: int, *settings: str) -> None:
     """Run FSI3 and kill the whole process group with SIGKILL after so many rows of the history."""
     words = [*COMMAND, "run", "turek-fsi3", *settings_of(*STEPS, *PLAIN, *settings), "--out", str(out)]
     process = subprocess.Popen(words, start_new_session=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    history, deadline = out / "history.csv", time.monotonic() + 60
+    history = out / "history.csv"
     try:
-        while not history.is_file() or len(history.read_text().splitlines()) <= rows:
-            assert process.poll() is None, "it ended before it could be killed"
-            assert time.monotonic() < deadline
-            time.sleep(0.001)
+        wait_for_rows(history, rows, process)
     finally:
         os.killpg(process.pid, signal.SIGKILL)
         process.wait()
@@ -114,31 +123,42 @@ def test_an_output_time_between_two_steps_is_hit(tmp_path):
     assert result.history["step"].min() > 0.002
 
 
-@pytest.mark.parametrize("rows", [3, 9, 17, 27])
-def test_a_killed_run_comes_to_the_same_when_it_goes_on(tmp_path, whole, rows):
-    killed(tmp_path / "run", rows)
-    assert not (tmp_path / "run" / "result.json").exists()
-    result = ffsi.resume(tmp_path / "run")
+@pytest.mark.parametrize(("share", "late"), MOMENTS, ids=range(len(MOMENTS)))
+def test_a_script_killed_at_any_moment_comes_to_the_same_when_it_goes_on(tmp_path, whole, installation, share, late):
+    """Kill FreeFEM after a share of the steps and a part of the next one; Python has written nothing at the end."""
+    out = tmp_path / "run"
+    folder.prepare(out)
+    (out / folder.SCRIPT).write_text(render(whole.scene, mumps=installation.has_mumps), encoding="utf-8")
+    (out / folder.SCENE).write_text(whole.scene.to_toml(), encoding="utf-8")
+    command = [installation.binary, "-nw", "-ns", "-v", "0", out / folder.SCRIPT, "-out", out]
+    seconds = whole.history["seconds"]
+    with (out / folder.LOG).open("w") as log:
+        process = subprocess.Popen(command, env=installation.environment(1), stdout=log, cwd=out)
+        wait_for_rows(out / "history.csv", share * len(seconds), process)
+        time.sleep(late * seconds.diff().median())
+        assert process.poll() is None, "it ended before it could be killed"
+        process.kill()
+        process.wait()
+    assert len((out / "history.csv").read_text().splitlines()) <= len(seconds)
+    result = ffsi.resume(out)
     assert result.converged, result.reason
-    same(tmp_path / "run", whole.directory)
-    again = subprocess.run([*COMMAND, "run", "--resume", str(tmp_path / "run")], capture_output=True, text=True)
-    assert again.returncode == 2
-    assert "there is nothing to resume" in " ".join(again.stderr.split())
+    same(out, whole.directory)
 
 
 def test_killed_twice(tmp_path, whole):
     killed(tmp_path / "run", 12)
+    assert not (tmp_path / "run" / "result.json").exists()
     words = [*COMMAND, "run", "--resume", str(tmp_path / "run")]
     process = subprocess.Popen(words, start_new_session=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    history = tmp_path / "run" / "history.csv"
-    while len(history.read_text().splitlines()) <= 22:
-        assert process.poll() is None
-        time.sleep(0.001)
+    wait_for_rows(tmp_path / "run" / "history.csv", 22, process)
     os.killpg(process.pid, signal.SIGKILL)
     process.wait()
     time.sleep(0.3)
     assert ffsi.resume(tmp_path / "run").converged
     same(tmp_path / "run", whole.directory)
+    again = subprocess.run(words, capture_output=True, text=True)
+    assert again.returncode == 2
+    assert "there is nothing to resume" in " ".join(again.stderr.split())
 
 
 def test_the_stop_file_ends_a_run_cleanly_with_its_last_state(tmp_path):

@@ -1,0 +1,101 @@
+"""Steps in time: both solvers come to the same, and steps that cannot be done end well or clearly."""
+
+import json
+import re
+
+import numpy as np
+import pandas as pd
+import pytest
+from conftest import PLAIN
+
+from ffsi.rawfiles import read_mesh, read_state
+from ffsi.result import Result
+from ffsi.run import solve
+from ffsi.scene import load_scene
+
+SMALL = ["mesh.level=0", "mesh.size_factor=2", "time.stop=end", *PLAIN]
+MIXED = '{material = "neo-hookean", density = 1000.0, lame_mu = 2e6, poisson_ratio = 0.4, formulation = "mixed"}'
+
+
+def run(directory, case: str, *settings: str) -> Result:
+    return solve(load_scene(case, [*SMALL, *settings]), directory)
+
+
+# Condensed and plain Newton -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("settings", [[], [f"solid.beam={MIXED}"]], ids=["displacement", "mixed"])
+def test_both_solvers_give_the_same_history(tmp_path, settings):
+    tolerance, step = 1e-8, 0.01
+    steps = ["inflow.ramp=0.05", f"time.step={step}", "time.end=0.06", f"solver.step_tolerance={tolerance}"]
+    condensed, newton = (
+        run(tmp_path / name, "turek-fsi3", *steps, *settings, f"solver.step={name}") for name in ("condensed", "newton")
+    )
+    for result in (condensed, newton):
+        assert result.converged, result.reason
+    assert newton.data["newton"]["factorizations"] > 3 * condensed.data["newton"]["factorizations"]
+    scene = condensed.scene
+    assert scene.fluid and scene.inflow and scene.forces
+    speed = scene.inflow.mean_velocity
+    # What a correction of the size of the tolerance, a mean over the nodes, changes; locally it may be much larger.
+    displacement = 100 * tolerance * speed * step
+    force = 100 * tolerance * scene.fluid.density * speed**2 * scene.forces.reference_length
+    for name, accepted in {"tip_ux": displacement, "tip_uy": displacement, "drag": force, "lift": force}.items():
+        one, other = (result.history[name].to_numpy() for result in (condensed, newton))
+        print(f"{name}: {np.abs(one - other).max():.1e} of {np.abs(one).max():.1e}, accepted {accepted:.1e}")
+        assert np.abs(one - other).max() < accepted < 1e-3 * np.abs(one).max()
+        assert not np.array_equal(one, other)
+
+
+# Steps that cannot be done --------------------------------------------------------------------------------------------
+
+
+def assert_finite(result: Result) -> None:
+    """Assert that no file holds a number that is none, and that the last state is that of the last step."""
+    history = pd.read_csv(result.directory / "history.csv")
+    assert np.isfinite(history.to_numpy(dtype=float)).all()
+    assert (history["min_jacobian"] > result.scene.solver.minimum_jacobian).all()
+    mesh = read_mesh(result.directory / "mesh.bin")
+    states = sorted(result.directory.glob("*.bin"))
+    raw = [path for path in states if re.match(r"(state|point|failed)", path.name)]
+    assert raw
+    for path in raw:
+        state = read_state(path, mesh)
+        assert all(np.isfinite(getattr(state, field)).all() for field in ("u", "v", "p")), path.name
+    for path in result.directory.glob("*.json"):
+        assert not re.search(r"\b(nan|inf|infinity)\b", path.read_text(), re.IGNORECASE), path.name
+    last = result.last_quantities
+    assert all(np.isfinite(value) for value in last.values())
+    assert last["tip_uy"] == pytest.approx(history["tip_uy"].iloc[-1], rel=1e-6)
+    assert json.loads((result.directory / "result.json").read_text())["time"]["reached"] == history["time"].iloc[-1]
+
+
+def test_a_far_too_large_step_becomes_a_smaller_one(tmp_path):
+    result = run(tmp_path / "run", "turek-fsi3", "inflow.ramp=0.2", "time.step=0.5", "time.end=1")
+    assert result.converged, result.reason
+    assert result.data["time"]["reached"] == 1.0
+    assert result.history["step"].iloc[0] < 0.5
+    assert "step halved" in (tmp_path / "run/freefem.log").read_text()
+    assert_finite(result)
+
+
+FAILING = {
+    "inflow": ("turek-fsi3", "inflow.mean_velocity=2000", "inflow.ramp=0.1", "time.step=0.005", "time.end=0.1"),
+    "gravity": ("turek-csm3", "gravity.y=-20000", "time.step=0.05", "time.end=0.2"),
+}
+
+
+@pytest.mark.parametrize("case", FAILING)
+def test_a_far_too_strong_load_fails_with_the_last_good_state(tmp_path, case):
+    result = run(tmp_path / "run", *FAILING[case])
+    assert result.failure == "not-converged"
+    reached = result.history["time"].iloc[-1]
+    found = re.fullmatch(r"the step from t = (\S+) s fails down to dt = (\S+) s: (.*)", result.reason)
+    assert found, result.reason
+    assert float(found[1]) == pytest.approx(reached, rel=1e-5)
+    assert result.scene.time is not None
+    assert float(found[2]) < 2.01e-3 * result.scene.time.step
+    assert "J = det F" in found[3]
+    assert result.state_file == "failed.bin"
+    assert len(result.history) >= 1
+    assert_finite(result)
