@@ -149,7 +149,7 @@ def _examine_steps(directory: Path, scene: Scene, mesh: RawMesh) -> list[_Findin
     found = []
     for entry in entries:
         step, old, new = _read_entry(directory, entry)
-        refuse_other_step(scene, step)
+        refuse_other_step(scene, step, entry["step"])
         reported, reservoir = dict(entry.get("quantities", {})), 0.0
         if history is not None:
             reported |= history.reported(entry["step"])

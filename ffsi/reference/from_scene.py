@@ -16,6 +16,8 @@ from ffsi.scene import Scene, boundaries
 
 # Scripts may write their parameters with fewer digits than they compute with.
 _SAME = 1e-9
+# Number of the first steps that damp a jump.
+_DAMPED_STEPS = 2
 
 # The law of each material of a scene, from the scene's solid: a new material has its entry here.
 MATERIALS: dict[str, Callable[[Any], materials.Material]] = {
@@ -65,8 +67,7 @@ def _inflow(scene: Scene) -> Inflow | None:
     if scene.inflow is None:
         return None
     inlet, ramp = scene.geometry.inlet, _ramp(scene)  # type: ignore[union-attr]
-    series = scene.inflow.fourier
-    waves = Series(series.period, series.cosine, series.sine) if series is not None else None
+    waves = _series(scene)
     if scene.inflow.profile == "womersley":
         if waves is None or scene.fluid is None or scene.inflow.mean_velocity is None:
             raise ValueError(f"{scene.name}: Womersley's profile needs a fluid and the Fourier series of its flow rate")
@@ -120,8 +121,12 @@ def _outlet(scene: Scene) -> Outlet | None:
     )
 
 
-def theta_of(scene: Scene) -> Callable[[float], float]:
-    """Weight of the new state in a step by its length, seconds. Raises ``ValueError`` if the scene is steady."""
+def theta_of(scene: Scene) -> Callable[[float, int], float]:
+    """Weight of the new state in a step by its length, seconds, and its number, from 1.
+
+    Where the inflow jumps at the start, from rest, the first steps are those of backward Euler. Raises ``ValueError``
+    if the scene is steady.
+    """
     if (time := scene.time) is None:
         raise ValueError(f"{scene.name}: a time step, but the scene is steady")
     weights: dict[str, Callable[[float], float]] = {
@@ -131,12 +136,29 @@ def theta_of(scene: Scene) -> Callable[[float], float]:
     }
     if time.scheme not in weights:
         raise ValueError(f"the reference checker does not know the time scheme {time.scheme!r}")
-    return weights[time.scheme]
+    weight, jumps = weights[time.scheme], _jumps(scene)
+    return lambda k, number: 1.0 if jumps and number <= _DAMPED_STEPS else weight(k)
 
 
-def refuse_other_step(scene: Scene, step: Step) -> None:
-    """Raise ``ValueError`` if a step is none of the scene's: steady, too long, after the end, or another theta."""
-    theta = theta_of(scene)(step.k)
+def _jumps(scene: Scene) -> bool:
+    """Whether there is an inflow from the start on."""
+    if scene.inflow is None:
+        return False
+    waves = _series(scene)
+    return _ramp(scene)(0.0) * (waves or _formula(scene))(0.0) != 0.0
+
+
+def _series(scene: Scene) -> Series | None:
+    series = scene.inflow.fourier if scene.inflow is not None else None
+    return Series(series.period, series.cosine, series.sine) if series is not None else None
+
+
+def refuse_other_step(scene: Scene, step: Step, number: int) -> None:
+    """Raise ``ValueError`` if a step is none of the scene's: steady, too long, after the end, or another theta.
+
+    ``number`` is that of the step, from 1.
+    """
+    theta = theta_of(scene)(step.k, number)
     time = scene.time
     assert time is not None
     wrong = {

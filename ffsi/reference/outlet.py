@@ -91,8 +91,9 @@ class OutletHistory:
     reservoirs: list[float]
 
     @classmethod
-    def read(cls, path: Path, outlet: Outlet, theta: Callable[[float], float]) -> "OutletHistory":
-        """Read ``history.csv``, whose row n is step n; ``theta`` is the weight of a step by its length.
+    def read(cls, path: Path, outlet: Outlet, theta: Callable[[float, int], float]) -> "OutletHistory":
+        """Read ``history.csv``, whose row n is step n; ``theta`` is the weight of a step by its length and
+        its number.
 
         Raises ``ValueError`` where a column is missing or no number.
         """
@@ -104,7 +105,7 @@ class OutletHistory:
             times = [(float(row["step"]), float(row["time"])) for row in rows]
         except (KeyError, TypeError, ValueError) as error:
             raise ValueError(f"{path}: no number where one is expected ({error})") from error
-        steps = [Step(k, theta(k), time) for k, time in times]
+        steps = [Step(k, theta(k, number), time) for number, (k, time) in enumerate(times, start=1)]
         return cls(path, flow, pressure, _reservoirs(outlet, steps, flow))
 
     def reported(self, number: int) -> dict[str, float]:

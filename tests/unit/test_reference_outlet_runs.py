@@ -40,9 +40,9 @@ def solved():
     mesh = scene_mesh(scene)
     system = System.build(problem_from_scene(scene), mesh)
     states, history, time, reservoir = [rest(system)], [], 0.0, 0.02
-    for k in (0.05, 0.05, 0.03):
+    for k, theta in ((0.05, 1.0), (0.05, 1.0), (0.03, 0.53)):  # without a ramp the inflow jumps
         time += k
-        step, start = Step(k, 0.5 + k, time), reservoir
+        step, start = Step(k, theta, time), reservoir
         states.append(solve_step(system, states[-1], step, tolerance=1e-11, reservoir=start).state)
         quantities = quantities_of(system.stepping(states[-2], step, start), states[-1])
         reservoir = quantities["windkessel_new"]

@@ -176,11 +176,32 @@ def test_missing_state_of_a_step_is_an_error(run):
 def test_theta_of_the_schemes(scheme, theta):
     changes = {"mesh_motion.kind": "harmonic", "time.step": 0.02, "time.end": 1.0, "time.shift": 2.0}
     scene = with_values(CASES["flap-svk"], changes | {"time.scheme": scheme})
-    refuse_other_step(scene, Step(0.02, theta, 0.5))
+    refuse_other_step(scene, Step(0.02, theta, 0.5), 25)
     with pytest.raises(ValueError, match=r"theta = .*, expected"):
-        refuse_other_step(scene, Step(0.02, theta - 1e-6, 0.5))
+        refuse_other_step(scene, Step(0.02, theta - 1e-6, 0.5), 25)
+
+
+@pytest.mark.parametrize(
+    ("changes", "thetas"),
+    [
+        ({}, (1.0, 1.0, 0.52)),
+        ({"inflow.ramp": 0.1}, (0.52, 0.52, 0.52)),
+        ({"inflow.waveform": "sin(t)"}, (0.52, 0.52, 0.52)),
+        ({"inflow.waveform": "cos(t)"}, (1.0, 1.0, 0.52)),
+        ({"inflow.waveform": "mca"}, (1.0, 1.0, 0.52)),
+        ({"inflow.mean_velocity": 0.0}, (1.0, 1.0, 0.52)),
+    ],
+    ids=str,
+)
+def test_first_steps_damp_a_jump_of_the_inflow(changes, thetas):
+    in_time = {"mesh_motion.kind": "harmonic", "time.step": 0.02, "time.end": 1.0}
+    scene = with_values(CASES["flap-svk"], in_time | changes)
+    for number, theta in enumerate(thetas, start=1):
+        refuse_other_step(scene, Step(0.02, theta, 0.02 * number), number)
+        with pytest.raises(ValueError, match=r"theta = .*, expected"):
+            refuse_other_step(scene, Step(0.02, 1.52 - theta, 0.02 * number), number)
 
 
 def test_steady_scene_has_no_steps():
     with pytest.raises(ValueError, match="flap-svk: a time step, but the scene is steady"):
-        refuse_other_step(CASES["flap-svk"], Step(0.1, 0.5, 0.5))
+        refuse_other_step(CASES["flap-svk"], Step(0.1, 0.5, 0.5), 5)
