@@ -146,16 +146,19 @@ def bench(
 
 
 def paper(
+    aneurysm: Annotated[
+        bool, typer.Option("--aneurysm", help="Section 5.4 instead: the aneurysm, figures 15 to 18 (minutes).")
+    ] = False,
     cases: Annotated[
         str | None,
         typer.Option("--cases", metavar="A,B,...", help="Numbers of the paper's cases.", show_default="1,2,3"),
     ] = None,
     level: Annotated[int, typer.Option("--level", help="Mesh level, 0 to 4.")] = 2,
-    jobs: Annotated[int, typer.Option("--jobs", min=1, help="Sweeps at a time.")] = 1,
-    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Write CSV, PNG, paper.md there.")] = Path(
+    jobs: Annotated[int | None, typer.Option("--jobs", min=1, help="Sweeps at a time.", show_default="1")] = None,
+    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Write CSV, PNG, Markdown there.")] = Path(
         "results/paper"
     ),
-    runs: Annotated[Path, typer.Option("--runs", metavar="DIR", help="The sweeps; a second call resumes them.")] = Path(
+    runs: Annotated[Path, typer.Option("--runs", metavar="DIR", help="The runs; a second call resumes them.")] = Path(
         "runs/paper"
     ),
 ) -> None:
@@ -163,10 +166,15 @@ def paper(
 
     Exit codes: as `ffsi run`, but where a sweep ends is a result: 3 only if a sweep has solved no point.
     """
+    if aneurysm:
+        _options("paper", "--aneurysm", {"--aneurysm": ()}, {"cases": cases, "jobs": jobs})
+        from ffsi.paper.aneurysm import main as reproduce_aneurysm
+
+        raise typer.Exit(worst(reproduce_aneurysm(level=level, out=out, runs=runs)))
     from ffsi.paper import main as reproduce
 
     numbers = _numbers("--cases", cases) if cases is not None else None
-    raise typer.Exit(worst(reproduce(numbers, level=level, jobs=jobs, out=out, runs=runs)))
+    raise typer.Exit(worst(reproduce(numbers, level=level, jobs=jobs or 1, out=out, runs=runs)))
 
 
 def _kind(flags: Mapping[str, bool]) -> str:

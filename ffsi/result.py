@@ -400,6 +400,8 @@ def unit(quantity: str) -> str:
     """Return the unit of a (flattened) quantity's name, `1` if it has none."""
     if quantity.endswith("_frequency"):
         return "Hz"
+    if quantity.endswith("_change"):
+        return "1"
     name = quantity.removesuffix("_mean").removesuffix("_amplitude")
     for start, name_unit in FAMILIES.items():
         if name.startswith(start):

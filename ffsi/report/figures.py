@@ -141,37 +141,37 @@ def _with_palette(png: bytes) -> bytes:
 
 def velocity(fields: Fields, title: str = "", scale: Scale | None = None) -> Figure:
     """Velocity magnitude in m/s with arrows; solids in a neutral colour."""
-    figure, axes = _canvas(title, scale.window if scale else _window("velocity", fields))
+    figure, axes = canvas(title, scale.window if scale else _window("velocity", fields))
     speed = np.hypot(*fields.velocity.T)
-    triangulation = _triangulation(fields, fields.region == FLUID)
+    triangulation = split_triangles(fields, fields.region == FLUID)
     top = (scale.high if scale else _range("velocity", fields)[1]) or 1.0
     colours = axes.tripcolor(triangulation, speed, shading="gouraud", cmap="viridis", vmin=0, vmax=top, rasterized=True)
     _arrows(axes, triangulation, fields.velocity, scale.high if scale else None)
     _solids(axes, fields)
-    _colour_bar(figure, axes, colours, "velocity magnitude (m/s)")
+    colour_bar(figure, axes, colours, "velocity magnitude (m/s)")
     return figure
 
 
 def pressure(fields: Fields, title: str = "", scale: Scale | None = None) -> Figure:
     """Pressure contours in Pa; the few extreme values at sharp corners are cut off and marked on the colour bar."""
-    figure, axes = _canvas(title, scale.window if scale else _window("pressure", fields))
-    triangulation = _triangulation(fields, fields.region == FLUID)
+    figure, axes = canvas(title, scale.window if scale else _window("pressure", fields))
+    triangulation = split_triangles(fields, fields.region == FLUID)
     values = fields.pressure
     shown = np.array([scale.low, scale.high]) if scale else values[np.unique(triangulation.triangles)]
     levels, palette = _pressure_levels(shown)
     colours = axes.tricontourf(triangulation, values, levels=levels, cmap=palette, extend="both")
     axes.tricontour(triangulation, values, levels=levels, colors=INK, linewidths=0.35, linestyles="solid", alpha=0.55)
     _solids(axes, fields)
-    _colour_bar(figure, axes, colours, "pressure (Pa)", _every_other(levels))
+    colour_bar(figure, axes, colours, "pressure (Pa)", _every_other(levels))
     return figure
 
 
 def displacement(fields: Fields, title: str = "", scale: Scale | None = None) -> Figure:
     """Displacement magnitude of the solids in m with the deformed mesh around them; dashed: before the deformation."""
     solid = fields.region != FLUID
-    figure, axes = _canvas(title, scale.window if scale else _window("displacement", fields))
+    figure, axes = canvas(title, scale.window if scale else _window("displacement", fields))
     size = np.hypot(*fields.displacement.T)
-    triangulation = _triangulation(fields, solid)
+    triangulation = split_triangles(fields, solid)
     top = (scale.high if scale else _range("displacement", fields)[1]) or 1.0
     colours = axes.tripcolor(triangulation, size, shading="gouraud", cmap="YlGnBu", vmin=0, vmax=top, rasterized=True)
     width = float(np.clip(20.0 / np.sqrt(len(fields.cells)), 0.15, 0.5))
@@ -181,10 +181,10 @@ def displacement(fields: Fields, title: str = "", scale: Scale | None = None) ->
         before = [fields.points[loop] for loop in _loops(_outer_edges(fields, fields.region == region))]
         axes.add_collection(LineCollection(before, colors=DASHED, linewidths=1.1, linestyles="dashed", zorder=6))
         axes.add_collection(
-            LineCollection(_outline(fields, fields.region == region), colors=INK, linewidths=1.4, zorder=5)
+            LineCollection(outline(fields, fields.region == region), colors=INK, linewidths=1.4, zorder=5)
         )
-    axes.add_collection(LineCollection(_outline(fields, np.full(len(solid), True)), colors=INK, linewidths=0.9))
-    _colour_bar(figure, axes, colours, "displacement magnitude (m)")
+    axes.add_collection(LineCollection(outline(fields, np.full(len(solid), True)), colors=INK, linewidths=0.9))
+    colour_bar(figure, axes, colours, "displacement magnitude (m)")
     return figure
 
 
@@ -197,7 +197,8 @@ def _around(fields: Fields, selected: NDArray[np.bool_]) -> tuple[FloatArray, Fl
     return np.maximum(low - margin, fields.deformed.min(axis=0)), np.minimum(high + margin, fields.deformed.max(axis=0))
 
 
-def _canvas(title: str, window: tuple[FloatArray, FloatArray]) -> tuple[Figure, Axes]:
+def canvas(title: str, window: tuple[FloatArray, FloatArray]) -> tuple[Figure, Axes]:
+    """Return an empty picture of a window, lower left and upper right corner in m, with equal axes."""
     low, high = window
     length, height = np.maximum(high - low, 1e-12)
     margin = 0.012 * max(length, height)
@@ -223,7 +224,8 @@ def _canvas(title: str, window: tuple[FloatArray, FloatArray]) -> tuple[Figure, 
     return figure, axes
 
 
-def _colour_bar(figure: Figure, axes: Axes, colours: Any, label: str, ticks: FloatArray | None = None) -> None:
+def colour_bar(figure: Figure, axes: Axes, colours: Any, label: str, ticks: FloatArray | None = None) -> None:
+    """Put a colour bar beside a picture, or below a long one."""
     low, high = axes.get_xlim(), axes.get_ylim()
     if low[1] - low[0] > _LONG * (high[1] - high[0]):
         bar = figure.colorbar(colours, ax=axes, orientation="horizontal", shrink=0.6, aspect=45, pad=0.03)
@@ -242,7 +244,8 @@ def _colour_bar(figure: Figure, axes: Axes, colours: Any, label: str, ticks: Flo
     bar.outline.set_linewidth(0.4)
 
 
-def _triangulation(fields: Fields, selected: NDArray[np.bool_]) -> Triangulation:
+def split_triangles(fields: Fields, selected: NDArray[np.bool_]) -> Triangulation:
+    """Return the selected triangles, each split into four, on the deformed mesh."""
     x, y = fields.deformed.T
     return Triangulation(x, y, fields.linear_triangles(selected))
 
@@ -316,9 +319,9 @@ def _solids(axes: Axes, fields: Fields) -> None:
             PolyCollection(list(triangles), facecolors=colour, edgecolors=colour, linewidths=0.3, zorder=4)
         )
         axes.add_collection(
-            LineCollection(_outline(fields, selected), colors=INK, linewidths=1.3, zorder=5, capstyle="round")
+            LineCollection(outline(fields, selected), colors=INK, linewidths=1.3, zorder=5, capstyle="round")
         )
-    fluid = _outline(fields, fields.region == FLUID)
+    fluid = outline(fields, fields.region == FLUID)
     axes.add_collection(LineCollection(fluid, colors=INK, linewidths=0.9, zorder=5, capstyle="round"))
 
 
@@ -326,8 +329,8 @@ def _solid_regions(fields: Fields) -> list[int]:
     return [int(region) for region in np.unique(fields.region) if region != FLUID]
 
 
-def _outline(fields: Fields, selected: NDArray[np.bool_]) -> list[FloatArray]:
-    """Edges that belong to one selected triangle only, each (3, 2): start, middle, end on the deformed mesh."""
+def outline(fields: Fields, selected: NDArray[np.bool_]) -> list[FloatArray]:
+    """Return the edges of one selected triangle only, each (3, 2): start, middle, end on the deformed mesh."""
     return list(fields.deformed[_outer_edges(fields, selected)])
 
 

@@ -151,7 +151,7 @@ def aneurysm(name: str, description: str, fluid: Fluid, pulsatile: bool = False)
         },
         inflow=PULSE if pulsatile else Inflow(mean_velocity=0.05 / 1.5),  # a peak of 0.05 m/s
         outlet=DO_NOTHING,
-        support=Support(stiffness=2.0e5) if pulsatile else None,
+        support=Support(stiffness=5.0e5) if pulsatile else None,
         time=Time(step=PERIOD / 100, end=4 * PERIOD, output_interval=PERIOD / 10) if pulsatile else None,
         output=Output(wall=WallOutput()) if pulsatile else Output(),
     )

@@ -72,6 +72,7 @@ BAD_INPUT = [
     (["bench", "--levels", "a"], "--levels takes integers"),
     (["bench", "--levels", "0,7"], "from 0 to 4"),
     (["paper", "--cases", "one"], "--cases takes integers separated by commas"),
+    (["paper", "--aneurysm", "--jobs", "2"], "ffsi paper --aneurysm has no option --jobs"),
     (["paper", "--cases", "1,1"], "a number occurs twice"),
     (["paper", "--cases", "1,4"], "the paper has the cases 1, 2, 3, not 4"),
     (["paper", "--level", "5"], "mesh.level = 5"),

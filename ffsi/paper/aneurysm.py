@@ -1,0 +1,186 @@
+"""Section 5.4 of the paper: the aneurysm, steady and pulsatile, elastic and rigid, Newtonian and Carreau."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from ffsi import folder, show
+from ffsi.folder import InputError
+from ffsi.paper.aneurysm_text import document
+from ffsi.report import figures, walls
+from ffsi.result import Result, load_result
+from ffsi.run import solve
+from ffsi.scene import CASES, Scene
+from ffsi.verification import prepare
+
+OUT = Path("results/paper")
+RUNS = Path("runs/paper")
+LEVEL = 2
+MARKDOWN = "aneurysm.md"
+_FINISHED = ("", "check")
+
+
+@dataclass(frozen=True)
+class Variant:
+    """One computation.
+
+    Attributes:
+        name: of its folder.
+        pulsatile: whether the flow is.
+        elastic: whether the walls are, else rigid.
+        carreau: whether blood is a Carreau fluid, else Newtonian.
+    """
+
+    name: str
+    pulsatile: bool
+    elastic: bool
+    carreau: bool
+
+    @property
+    def label(self) -> str:
+        """Name in legends and tables."""
+        return f"{'elastic' if self.elastic else 'rigid'}, {'Carreau' if self.carreau else 'Newtonian'}"
+
+    def scene(self, level: int) -> Scene:
+        """Return the scene on a mesh level, without the pictures of a run."""
+        table = CASES["aneurysm-pulsatile" if self.pulsatile else "aneurysm"].model_dump(exclude_none=True)
+        table["name"] = f"aneurysm-{self.name}"
+        table["mesh"]["level"] = level
+        table["output"] |= {"pictures": False, "vtu": False}
+        if self.carreau:
+            table["fluid"] = CASES["aneurysm-carreau"].model_dump()["fluid"]
+        if self.pulsatile:
+            # Twenty states per cycle: one of them is near the systole.
+            table["time"]["output_interval"] = table["inflow"]["period"] / 20
+        if not self.elastic:
+            for key in ("solid", "mesh_motion", "support"):
+                table.pop(key, None)
+        return Scene.model_validate(table)
+
+
+VARIANTS = tuple(
+    Variant(
+        "-".join(
+            ("pulsatile" if pulsatile else "steady", "elastic" if elastic else "rigid")
+            + (("carreau",) if carreau else ())
+        ),
+        pulsatile,
+        elastic,
+        carreau,
+    )
+    for pulsatile in (False, True)
+    for elastic in (True, False)
+    for carreau in (False, True)
+)
+
+
+def main(*, level: int = LEVEL, out: Path = OUT, runs: Path = RUNS) -> list[str]:
+    """Compute the variants and write figures, curves and `aneurysm.md`; what a call before has solved is kept.
+
+    Args:
+        level: mesh level.
+        out: folder for figures, tables and `aneurysm.md`.
+        runs: folder for the run folders.
+
+    Returns:
+        The failures of all runs, as `Result.failure`.
+
+    Raises:
+        InputError: `out` cannot be used.
+        SceneError: the level is not valid.
+        FreeFEMNotFound: no FreeFEM on this machine.
+    """
+    scenes = {variant: variant.scene(level) for variant in VARIANTS}
+    prepare(out, None, "")
+    results: dict[Variant, Result] = {}
+    with show.progress("aneurysm", len(scenes)) as on_event:
+        for variant, scene in scenes.items():
+            directory = runs / f"aneurysm-level-{level}" / variant.name
+            found = solved_before(scene, directory)
+            results[variant] = found or solve(scene, directory, on_event=on_event)
+    write(results, out, "ffsi paper --aneurysm" + ("" if level == LEVEL else f" --level {level}"))
+    show.note(f"wrote {out / MARKDOWN}, its tables and figures")
+    return [result.failure for result in results.values()]
+
+
+def solved_before(scene: Scene, directory: Path) -> Result | None:
+    """Return the result in a folder, if it is that of the scene and was solved."""
+    try:
+        result = load_result(directory)
+    except InputError:
+        return None
+    same = tomllib.loads(result.scene.to_toml()) == tomllib.loads(scene.to_toml())
+    return result if same and result.failure in _FINISHED else None
+
+
+def write(results: Mapping[Variant, Result], out: Path, written_by: str) -> None:
+    """Write the curves along the walls, the figures and `aneurysm.md`."""
+    solved = {variant: result for variant, result in results.items() if result.solved}
+    for variant, result in solved.items():
+        wall = result.wall
+        if wall is not None:
+            folder.write_text(out / f"aneurysm-{variant.name}-wall.csv", wall.to_csv(index=False, float_format="%.6g"))
+    names = []
+    for name, figure in draw(solved).items():
+        names.append(f"{name}.png")
+        (out / names[-1]).write_bytes(figures.to_small_png(figure))
+    folder.write_text(out / MARKDOWN, document(results, names, written_by))
+
+
+def systole(result: Result) -> float:
+    """Return the time (s) of the largest inflow in the last cycle."""
+    inflow, time = result.scene.inflow, result.scene.time
+    assert inflow is not None and time is not None and inflow.period is not None
+    t = time.end - inflow.period * np.linspace(1, 0, 2001)
+    return float(t[int(inflow.factor(t).argmax())])
+
+
+def draw(results: Mapping[Variant, Result]) -> dict[str, Figure]:
+    """Return the figures by name; those whose runs are missing miss."""
+    found: dict[str, Figure] = {}
+    by_name = {variant.name: result for variant, result in results.items()}
+    steady = {variant.label: result.wall for variant, result in results.items() if not variant.pulsatile}
+    if "steady-elastic" in by_name:
+        found["figure-15-mesh"] = walls.mesh_picture(by_name["steady-elastic"].fields)
+    if "pulsatile-elastic" in by_name:
+        found |= _at_systole(by_name["pulsatile-elastic"])
+    if steady:
+        panels = [("wss", "wall shear stress (Pa)"), ("pressure", "pressure (Pa)")]
+        found["aneurysm-steady-walls"] = walls.along_walls(
+            {name: table for name, table in steady.items() if table is not None},
+            panels,
+            "Steady flow, peak velocity 0.05 m/s",
+            logarithmic=True,
+        )
+    cycles = {variant.label: result.wall for variant, result in results.items() if variant.pulsatile}
+    last = {name: table[table["cycle"] == table["cycle"].max()] for name, table in cycles.items() if table is not None}
+    if last:
+        panels = [("tawss", "TAWSS (Pa)"), ("osi", "OSI"), ("rrt", "RRT (1/Pa)")]
+        found["aneurysm-cycle-walls"] = walls.along_walls(last, panels, "Last cycle at 84 beats per minute", True)
+    return found
+
+
+def _at_systole(result: Result) -> dict[str, Figure]:
+    step = min(result.saved_steps, key=lambda step: abs(step.time - systole(result)))
+    fields, state = result.fields_of(step), result.aneurysm_at(step.new)
+    inflow = result.scene.inflow
+    assert inflow is not None and inflow.period is not None
+    title = f"Systole, {(step.time % inflow.period) / inflow.period:.2f} of a cycle"
+    corner = np.array(state.geometry.neck)
+    low = np.array([fields.deformed[:, 0].min(), corner[:, 1].min()])
+    high = np.array([corner[:, 0].max(), fields.deformed[np.unique(fields.cells[fields.region == 3]), 1].max()])
+    margin = 0.05 * (high - low)
+    return {
+        "figure-16-effective-stress": walls.wall_stress(
+            fields, state.point_data["effective_stress"], state.quantities["effective_stress_max"], title
+        ),
+        "figure-17-pressure-aneurysm": figures.draw("pressure", fields, title),
+        "figure-18-velocity-aneurysm": figures.draw("velocity", fields, title),
+        "figure-18-velocity-dome": walls.velocity_within(fields, (low - margin, high + margin), f"{title}: the dome"),
+    }

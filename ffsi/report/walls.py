@@ -1,0 +1,119 @@
+"""Pictures of an aneurysm: its mesh, the stress in its walls, curves along them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.figure import Figure
+
+from ffsi.fields import FLUID, Fields, FloatArray
+from ffsi.report.curves import LINES
+from ffsi.report.figures import FAINT, INK, Scale, canvas, colour_bar, outline, split_triangles, velocity
+
+FLUID_COLOUR = "#c7dbef"
+WALL_COLOURS = ("#d98c86", "#8fbf8a")  # of the vessel and of the dome: red and green, as in the paper's figure
+_MARGIN = 0.1
+
+
+def mesh_picture(fields: Fields, title: str = "") -> Figure:
+    """Draw the triangles before the deformation: the fluid blue, the walls of the vessel red, of the dome green."""
+    figure, axes = canvas(title, (fields.points.min(axis=0), fields.points.max(axis=0)))
+    colours = [FLUID_COLOUR, *WALL_COLOURS]
+    for region in np.unique(fields.region).tolist():
+        corners = fields.points[fields.cells[fields.region == region, :3]]
+        axes.add_collection(
+            PolyCollection(list(corners), facecolors=colours[region - 1], edgecolors=INK, linewidths=0.3)
+        )
+    return figure
+
+
+def wall_stress(fields: Fields, stress: FloatArray, top: float, title: str = "") -> Figure:
+    """Draw the effective stress in the deformed walls; dashed: the walls at rest.
+
+    Args:
+        fields: the fields.
+        stress: (n,) effective stress at the nodes, Pa.
+        top: end of the range of colours, Pa; what lies above, at corners, has the colour of the end.
+        title: heading.
+    """
+    figure, axes = canvas(title, (fields.deformed.min(axis=0), fields.deformed.max(axis=0)))
+    walls = fields.region != FLUID
+    colours = axes.tripcolor(
+        split_triangles(fields, walls), stress, shading="gouraud", cmap="inferno", vmin=0, vmax=top, rasterized=True
+    )
+    for region in np.unique(fields.region[walls]).tolist():
+        axes.add_collection(LineCollection(outline(fields, fields.region == region), colors=INK, linewidths=0.5))
+    before = replace(fields, displacement=np.zeros_like(fields.displacement))
+    axes.add_collection(LineCollection(outline(before, walls), colors=FAINT, linewidths=0.6, linestyles="dashed"))
+    colour_bar(figure, axes, colours, "effective stress (Pa)")
+    return figure
+
+
+def velocity_within(fields: Fields, window: tuple[FloatArray, FloatArray], title: str = "") -> Figure:
+    """Draw the velocity within a window (its lower left and upper right corner, m), with colours of its own.
+
+    The range of the colours is that of the upper left half of the window, so that the flow past a dome does not hide
+    the one in it.
+    """
+    low, high = window
+    centre = fields.deformed[fields.cells].mean(axis=1)
+    across = (centre - low) / (high - low)
+    inside = ((across > -_MARGIN) & (across < 1 + _MARGIN)).all(axis=1)  # what sticks out is cut off by the axes
+    half = inside & (across[:, 1] > across[:, 0]) & (fields.region == FLUID)
+    speed = np.hypot(*fields.velocity.T)
+    top = float(speed[np.unique(fields.cells[half])].max())
+    shown = fields.velocity * np.minimum(1.0, top / np.maximum(speed, 1e-300))[:, None]
+    part = replace(fields, cells=fields.cells[inside], region=fields.region[inside], velocity=shown)
+    return velocity(part, title, Scale(0.0, top, window))
+
+
+def along_walls(
+    tables: Mapping[str, pd.DataFrame], panels: Sequence[tuple[str, str]], title: str = "", logarithmic: bool = False
+) -> Figure:
+    """Draw quantities along the outer wall of an aneurysm, from the inlet through the dome to the outlet.
+
+    Args:
+        tables: those of `Result.wall` by their name in the legend, one cycle each.
+        panels: column and axis label of each panel.
+        title: heading.
+        logarithmic: whether the first panel's axis is.
+    """
+    figure = Figure(figsize=(9.0, 0.9 + 2.9 * len(panels)), layout="constrained", facecolor="white")
+    grid = np.atleast_1d(figure.subplots(len(panels), 1, sharex=True))
+    for axes, (column, label) in zip(grid, panels, strict=True):
+        for i, (name, table) in enumerate(tables.items()):
+            shown = table[table["line"] == "dome"]
+            axes.plot(
+                1e3 * shown["arc"], shown[column], color=LINES[i % len(LINES)], linewidth=1.3, label=name,
+                linestyle=("-", "--", "-.", ":")[i % 4],
+            )  # fmt: skip
+        first = next(iter(tables.values()))
+        first = first[first["line"] == "dome"]
+        for part, shade in (("dome", "#eef2f6"), ("neck", "#f7efe6")):
+            for start, end in _stretches(first, part):
+                axes.axvspan(1e3 * start, 1e3 * end, color=shade, zorder=0)
+        axes.set_ylabel(label, color=INK)
+        axes.tick_params(colors=INK, labelsize=9, width=0.6)
+        axes.margins(x=0)
+        for side in ("top", "right"):
+            axes.spines[side].set_visible(False)
+    if logarithmic:
+        grid[0].set_yscale("log")
+    grid[0].set_title(title, loc="left", fontsize=11, color=INK)
+    grid[-1].set_xlabel("distance along the outer wall from the inlet (mm); grey: dome, beige: neck", color=INK)
+    figure.legend(
+        *grid[0].get_legend_handles_labels(), loc="outside lower center", ncols=4, frameon=False, fontsize=9,
+        labelcolor=INK,
+    )  # fmt: skip
+    return figure
+
+
+def _stretches(table: pd.DataFrame, part: str) -> list[tuple[float, float]]:
+    """Return the start and end (m) of each stretch of a line that belongs to a part."""
+    arc, on = table["arc"].to_numpy(), (table["part"] == part).to_numpy()
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], on, [False]]).astype(int)))
+    return [(float(arc[i]), float(arc[j - 1])) for i, j in zip(edges[::2], edges[1::2], strict=True)]
