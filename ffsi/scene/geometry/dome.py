@@ -53,10 +53,13 @@ def knots() -> Floats:
 def coefficients() -> Floats:
     """Return the spline's coefficients (2, 4, n): of x and y, of the powers 3 to 0 of the distance to the knot before.
 
-    Rounded to 12 digits, so that a script has the same text wherever it is rendered.
+    Rounded to 12 digits, so that a script has the same text wherever it is rendered; those of the power 0 are the
+    outline's points.
     """
     digits = np.vectorize(lambda value: float(f"{value:.12g}"))
-    return np.asarray(digits(np.moveaxis(_spline().c, 2, 0)))
+    found = digits(np.moveaxis(_spline().c, 2, 0))
+    found[:, 3] = lumen().outline[:-1].T
+    return np.asarray(found)
 
 
 def curve(s: Floats, offset: float = 0.0, derivative: int = 0) -> Floats:
