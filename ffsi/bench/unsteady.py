@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 
 from ffsi import folder, show
+from ffsi.bench import time_steps
 from ffsi.bench.costs import SOLVER, WORDS, marked
 from ffsi.folder import InputError
 from ffsi.freefem import FreeFEMError, FreeFEMNotFound, find_freefem
@@ -26,7 +27,7 @@ from ffsi.verification.periodic_cases import PLAIN
 from ffsi.verification.periodic_runs import TimeRun, run_one
 
 BLOCK = "bench-unsteady"
-CSV = "bench-unsteady.csv"
+CSV, STEPS_CSV = "bench-unsteady.csv", "bench-time-steps.csv"
 RUNS = Path("runs/bench-unsteady")
 CASE = "turek-fsi3"
 STEP = 0.005  # s
@@ -215,9 +216,11 @@ def main(
 ) -> list[str]:
     """Run FSI3 to its developed motion, measure steps from there with both solvers, and print what they cost.
 
+    Then the error against the time step, of CSM3.
+
     Args:
         repeat: runs of the condensed solver on each mesh; its numbers are the medians.
-        out: folder for `bench-unsteady.csv`.
+        out: folder for `bench-unsteady.csv` and `bench-time-steps.csv`.
         readme: file whose block `bench-unsteady` is replaced, unless a run failed.
         runs: folder of the run folders. The developed motion is computed once, and found by later calls.
         sizes: the meshes.
@@ -250,17 +253,25 @@ def main(
         if all("mean_seconds" in item for item in pair):
             pair[0]["ratio"] = pair[1]["mean_seconds"] / pair[0]["mean_seconds"]
         rows += pair
-    result = table(rows, sizes)
-    result.print()
+    refined = time_steps.run(runs)
+    done += refined
+    errors = time_steps.rows(refined)
+    tables = table(rows, sizes), time_steps.table(errors)
+    for item in tables:
+        item.print()
     if out is not None:
-        folder.write_text(out / CSV, pd.DataFrame(rows).to_csv(index=False, float_format="%.8g"))
-        show.note(f"wrote {out / CSV}")
+        for name, content in ((CSV, rows), (STEPS_CSV, errors)):
+            folder.write_text(out / name, pd.DataFrame(content).to_csv(index=False, float_format="%.8g"))
+        show.note(f"wrote {out / CSV} and {out / STEPS_CSV}")
     failures = [item.failure for item in done]
     if readme is not None and any(failures):
         show.error(f"{readme} stays as it is, because a run failed")
     elif readme is not None:
         written = origin("ffsi bench --unsteady" + (f" --repeat {repeat}" if repeat > 1 else ""), done)
-        more = f" More: [{CSV}]({link(out / CSV, readme)})." if out else ""
-        update_readme(readme, BLOCK, "\n\n".join([EXPLANATION, result.markdown(), written + more]))
+        files = (
+            f" More: {', '.join(f'[{name}]({link(out / name, readme)})' for name in (CSV, STEPS_CSV))}." if out else ""
+        )
+        parts = [EXPLANATION, tables[0].markdown(), time_steps.EXPLANATION, tables[1].markdown(), written + files]
+        update_readme(readme, BLOCK, "\n\n".join(parts))
         show.note(f"wrote the block {BLOCK} of {readme}")
     return failures

@@ -2,14 +2,18 @@
 
 import math
 
+import numpy as np
 import pandas as pd
 import pytest
 from test_cli import call
 
 from ffsi import folder
+from ffsi.bench import time_steps
 from ffsi.bench import unsteady as bench
+from ffsi.bench.time_steps import FINEST
 from ffsi.folder import InputError
 from ffsi.scene import load_scene
+from ffsi.verification.periodic_runs import TimeRun
 
 README = "<!-- bench-unsteady:begin -->\nold\n<!-- bench-unsteady:end -->\n"
 SIZE = bench.Size("small", 900, ("mesh.level=0", "inflow.ramp=0.1", "time.checkpoint_interval=0.25"), 0.02)
@@ -19,6 +23,16 @@ SIZE = bench.Size("small", 900, ("mesh.level=0", "inflow.ramp=0.1", "time.checkp
 def short(monkeypatch):
     monkeypatch.setattr(bench, "DEVELOPED", 1.0)
     monkeypatch.setattr(bench, "STEPS", {"condensed": 20, "newton": 4})
+    monkeypatch.setattr(time_steps, "run", lambda runs: [swing(step) for step in (*time_steps.STEPS, FINEST)])
+
+
+def swing(step: float, error: float = 100.0, failure: str = "") -> TimeRun:
+    """u_y of a beam, whose relative error grows with the square of the time step (s)."""
+    t = step * np.arange(1, round(1 / step) + 1)
+    u = -0.066 * (1 - np.cos(7 * t)) * (1 + error * step**2)
+    run = TimeRun(f"step-{step}", time_steps.scene(step), folder.Path("nowhere"), {"failure": failure})
+    run.__dict__["history"] = pd.DataFrame({"time": t, "tip_uy": u, "seconds": 1 + t})
+    return run
 
 
 START = bench.Steps({"failure": ""}, phases=dict.fromkeys(bench.SOLVER, 0.01))
@@ -40,7 +54,7 @@ def test_steps_start_from_the_developed_motion_and_its_ends_do_not_count(tmp_pat
     readme = tmp_path / "README.md"
     readme.write_text(README)
     given = {"repeat": 2, "out": tmp_path / "out", "runs": tmp_path / "runs", "sizes": [SIZE]}
-    assert bench.main(readme=readme, **given) == [""] * 6
+    assert bench.main(readme=readme, **given) == [""] * 12
     assert in_time.first_steps == [1, *[201] * 5]
     developed = load_scene(str(tmp_path / "runs/small-developed/scene.toml"), [])
     for name, count in (("condensed-0", 2), ("condensed-2", 22), ("newton-1", 6)):
@@ -59,7 +73,7 @@ def test_steps_start_from_the_developed_motion_and_its_ends_do_not_count(tmp_pat
     assert "Written by `ffsi bench --unsteady --repeat 2`" in readme.read_text()
     assert "| 900 | condensed | 0.010 | 0.010 | 0.02 | 1.0 ! |" in readme.read_text()
     assert "plain Newton" in capsys.readouterr().out
-    assert bench.main(**given) == [""] * 6
+    assert bench.main(**given) == [""] * 12
     assert in_time.first_steps[6:] == [201] * 5
 
 
@@ -86,7 +100,7 @@ def test_a_failed_run_is_a_row_and_leaves_the_readme_alone(tmp_path, in_time, ch
     readme.write_text(README)
     in_time.fail = 205
     given = {"out": tmp_path / "out", "runs": tmp_path / "runs", "sizes": [SIZE]}
-    assert bench.main(readme=readme, **given) == ["", "", "not-converged", "", "not-converged"]
+    assert bench.main(readme=readme, **given) == ["", "", "not-converged", "", "not-converged", *[""] * 6]
     assert readme.read_text() == README
     assert pd.read_csv(tmp_path / "out/bench-unsteady.csv")["status"].tolist() == ["failed", "failed"]
     assert "small, plain Newton: no step" in capsys.readouterr().err
@@ -98,6 +112,20 @@ def test_without_a_checkpoint_there_is_nothing_to_start_from(tmp_path, in_time, 
         (tmp_path / "small-developed" / name).unlink(missing_ok=True)
     with pytest.raises(InputError, match="holds no checkpoint"):
         bench.measure(SIZE, "newton", 4, tmp_path / "small-developed", tmp_path / "newton")
+
+
+def test_errors_fall_with_the_square_of_the_time_step():
+    runs = [swing(step) for step in (*time_steps.STEPS, FINEST)]
+    found = time_steps.rows(runs)
+    assert [row["step"] for row in found] == list(time_steps.STEPS)
+    assert found[0]["error"] == pytest.approx(100 * (0.04**2 - FINEST**2), rel=2e-3)
+    assert [row["order"] for row in found[1:3]] == pytest.approx([2.0, 2.0], abs=0.03)
+    assert time_steps.table(found).body[1][:4] == ["0.02", "50", "2.0", "0.020"]
+    assert time_steps.table(found).body[1][4].startswith("3.99")
+    broken = time_steps.rows([swing(0.04, failure="crash"), *runs[1:]])
+    assert [math.isnan(row["error"]) for row in broken] == [True, False, False, False, False]
+    assert time_steps.table(broken).body[0][4:] == ["–", "–"]
+    assert all(math.isnan(row["error"]) for row in time_steps.rows([*runs[:-1], swing(FINEST, failure="check")]))
 
 
 def test_the_command_line(capsys, monkeypatch):
