@@ -38,7 +38,7 @@ def run(tmp_path_factory):
     def run(scene: Scene) -> Result:
         key = scene.to_toml()
         if key not in known:
-            known[key] = solve(scene, tmp_path_factory.mktemp("run") / "run", check=False)
+            known[key] = solve(scene, tmp_path_factory.mktemp("run") / "run")
             assert known[key].converged, known[key].reason
         return known[key]
 
@@ -140,7 +140,7 @@ def test_a_run_with_a_windkessel_resumes_to_the_same(tmp_path, run):
 
     with pytest.raises(Cut):
         solve(scene, tmp_path / "run", on_event=cut)
-    resumed = ffsi.resume(tmp_path / "run", check=False)
+    resumed = ffsi.resume(tmp_path / "run")
     assert resumed.converged, resumed.reason
     whole = run(scene)
     for name in ("history.csv", "steps.csv"):
