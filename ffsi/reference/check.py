@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ffsi.hemodynamics import walls
 from ffsi.rawfiles import Floats, RawMesh, RawState, read_mesh, read_state
 from ffsi.reference.forces import Forces, coefficient_scale, compute_forces
 from ffsi.reference.from_scene import problem_from_scene, refuse_other_parameters, refuse_other_step, theta_of
@@ -17,11 +18,13 @@ from ffsi.reference.problem import Problem
 from ffsi.reference.residual import compute_residual
 from ffsi.reference.step import Step
 from ffsi.reference.system import Mask, System
+from ffsi.reference.wall import Passage, WallCycle, WallShear, wall_shear
 from ffsi.scene import Scene
 
 TOLERANCE = 1e-8
 STEPS = "steps.json"
 HISTORY = "history.csv"
+CYCLES = "wall-*.bin"
 # A component below this fraction of the force is a difference of large numbers, compared on the scale of the force.
 _SMALL_COMPONENT = 1e-3
 
@@ -34,7 +37,8 @@ class CheckReport:
     residuals as docs/discretisation.md scales them.
     ``dirichlet``: largest deviation from a prescribed value. ``drag_difference``, ``lift_difference``,
     ``coefficient_difference``: reported against recomputed forces. ``outlet_difference``: likewise the flow rate out,
-    the pressure at the outlet and that of the reservoir behind it. ``min_jacobian``: smallest det F.
+    the pressure at the outlet and that of the reservoir behind it; ``wall_difference``: the shear stress on the walls,
+    and its sums over cycles. ``min_jacobian``: smallest det F.
     ``forces``: the recomputed forces, both forms. ``failures``: one sentence for each number above ``tolerance``.
     Of several time steps every number is the worst, and the forces are those of the last one.
     """
@@ -49,6 +53,7 @@ class CheckReport:
     lift_difference: float | None
     coefficient_difference: float | None
     outlet_difference: float | None
+    wall_difference: float | None
     min_jacobian: float
     tolerance: float
     forces: Forces
@@ -103,7 +108,8 @@ def check_run(directory: Path, scene: Scene, point: int = 1, tolerance: float = 
     The scene must carry the values that the run really used. A scene in time has ``steps.json`` beside its only point:
     a list of ``{"step", "time", "k", "theta", "old", "new", "quantities"}`` where old and new name files in the format
     of a point's state; with a Windkessel each entry has ``windkessel_old``, ``windkessel_new``, too. Where the outlet
-    has a pressure, ``history.csv`` holds it and the flow rate out for every step. Raises ``ValueError`` where the
+    has a pressure, ``history.csv`` holds it and the flow rate out for every step; ``wall-*.bin`` are sums over cycles.
+    The wall shear stress of a state is what ``ffsi.hemodynamics`` makes of it. Raises ``ValueError`` where the
     parameters in the point's JSON, or a step, are none of the scene's, no step is listed or a file does not fit, and
     ``OSError`` if one is missing.
     """
@@ -114,7 +120,11 @@ def check_run(directory: Path, scene: Scene, point: int = 1, tolerance: float = 
     if scene.time is not None:
         return _report(_examine_steps(directory, scene, mesh), tolerance)
     state = read_state(directory / f"point-{point:04d}.bin", mesh)
-    return check_state(problem_from_scene(scene), mesh, state, outcome.get("quantities", {}), tolerance)
+    system = System.build(problem_from_scene(scene), mesh)
+    found = _examine(system, state, outcome.get("quantities", {}))
+    if (shear := wall_shear(system, state)) is not None:
+        found.numbers["wall_difference"] = _wall_difference(scene, mesh, state, shear)
+    return _report([found], tolerance)
 
 
 @dataclass(frozen=True)
@@ -146,7 +156,8 @@ def _examine_steps(directory: Path, scene: Scene, mesh: RawMesh) -> list[_Findin
     history = None
     if outlet is not None and outlet.presses:
         history = OutletHistory.read(directory / HISTORY, outlet, theta_of(scene))
-    found = []
+    cycles = [WallCycle.read(path) for path in sorted(directory.glob(CYCLES))]
+    found, passages = [], []
     for entry in entries:
         step, old, new = _read_entry(directory, entry)
         refuse_other_step(scene, step, entry["step"])
@@ -155,10 +166,24 @@ def _examine_steps(directory: Path, scene: Scene, mesh: RawMesh) -> list[_Findin
             reported |= history.reported(entry["step"])
             reservoir = history.reservoirs[entry["step"] - 1]
             reported |= {name: entry[name] for name in ("windkessel_old", "windkessel_new") if name in entry}
-        stepping = system.stepping(read_state(old, mesh), step, reservoir)
+        before, after = read_state(old, mesh), read_state(new, mesh)
         place = f" in step {entry['step']} at {step.time:g} s"
-        found.append(_examine(stepping, read_state(new, mesh), reported, place))
+        found.append(_examine(system.stepping(before, step, reservoir), after, reported, place))
+        if (shear := wall_shear(system, after)) is not None:
+            found[-1].numbers["wall_difference"] = _wall_difference(scene, mesh, after, shear)
+        if cycles and shear is not None and (start := wall_shear(system, before)) is not None:
+            passages.append(Passage(step.start, step.time, start, shear))
+    for cycle in cycles:
+        found[-1].numbers["wall_difference"] = max(cycle.difference(passages), found[-1].numbers["wall_difference"])
     return found
+
+
+def _wall_difference(scene: Scene, mesh: RawMesh, state: RawState, own: WallShear) -> float:
+    """Difference between the checker's shear stress on the walls and that which is shown to people."""
+    points = walls.wall_points(mesh, walls.wall_labels(scene))
+    if scene.fluid is None:
+        return math.inf
+    return own.difference(points.middle, walls.wall_shear_stress(points, state, scene.fluid))
 
 
 def _read_entry(directory: Path, entry: Mapping[str, Any]) -> tuple[Step, Path, Path]:
@@ -185,6 +210,7 @@ def _report(found: Sequence[_Findings], tolerance: float) -> CheckReport:
         lift_difference=numbers.get("lift_difference"),
         coefficient_difference=numbers.get("coefficient_difference"),
         outlet_difference=numbers.get("outlet_difference"),
+        wall_difference=numbers.get("wall_difference"),
         min_jacobian=min(each.min_jacobian for each in found),
         tolerance=tolerance,
         forces=found[-1].forces,
@@ -253,6 +279,7 @@ def _failures(worst: Mapping[str, _Findings], inverted: _Findings, tolerance: fl
         "lift_difference": "relative difference between reported and recomputed lift",
         "coefficient_difference": "relative difference between reported and recomputed force coefficients",
         "outlet_difference": "relative difference between reported and recomputed flow rate or pressure at the outlet",
+        "wall_difference": "relative difference between reported and recomputed shear stress on the walls",
     }
     failures = []
     forces: dict[str, Forces] = {}

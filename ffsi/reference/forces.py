@@ -90,10 +90,13 @@ def side_forces(sides: Sides, stress: Floats) -> Floats:
     return result
 
 
-def side_flow(fluid: FluidPart, sides: Sides, state: RawState) -> terms.Flow:
-    """Flow at the five Gauss points of each side, taken from the fluid triangle of the side."""
+def side_flow(fluid: FluidPart, sides: Sides, state: RawState, at: Floats | None = None) -> terms.Flow:
+    """Flow at the five Gauss points of each side, taken from the fluid triangle of the side.
+
+    ``at`` (n,) gives other points, from 0 at the start of the side to 1 at its end.
+    """
     elements = fluid.elements
-    points = side_points(gauss_rule()[0])
+    points = side_points(gauss_rule()[0] if at is None else at)
     flat = points.reshape(-1, 2)
     shape = points.shape[:2]
     slopes = p2_gradients(flat).reshape(*shape, 6, 2)[sides.side]

@@ -176,5 +176,6 @@ class FakeCheck:
             "momentum": 1e-3 if failures else 1e-11,
             "coefficient_difference": None,
             "outlet_difference": None,
+            "wall_difference": None,
         }
         return SimpleNamespace(**numbers, passed=not failures, failures=failures)
