@@ -149,7 +149,7 @@ def keep_checkpoint(checkpoint: Checkpoint) -> Path:
 
 
 def cut_back(directory: Path, step: int) -> None:
-    """Take everything after a step out of the tables, and the states written after it out of the folder."""
+    """Take everything after a step out of the tables, and states and cycles written after it out of the folder."""
     lines = _lines(directory / folder.TIME_HISTORY)
     folder.write_text(directory / folder.TIME_HISTORY, "".join(lines[: step + 1]))
     for name in (folder.HISTORY, folder.STEPS):
@@ -159,6 +159,21 @@ def cut_back(directory: Path, step: int) -> None:
     for path in directory.glob(folder.STATES):
         if path.name not in kept:
             path.unlink()
+    reached = float(read_history(directory)["time"].iloc[-1])
+    for path in directory.glob(folder.WALL_CYCLES):
+        if not _cycle_end(path) <= reached * (1 + _SAME):
+            path.unlink()
+
+
+def _cycle_end(path: Path) -> float:
+    """Return the time (s) at which the cycle of a file ends; infinity if it was cut off by a kill."""
+    from ffsi.hemodynamics.indices import read_cycle
+
+    try:
+        return read_cycle(path).end
+    except InputError as error:
+        logger.debug("%s", error)
+        return math.inf
 
 
 def _read_checkpoint(path: Path) -> Checkpoint | None:

@@ -3,11 +3,13 @@
 import json
 import shutil
 
+import numpy as np
 import pandas as pd
 import pytest
 from time_folders import HEAD, NEWTON_HEAD, STEPS_HEAD, write_checkpoint
 
 from ffsi.folder import InputError
+from ffsi.rawfiles import read_arrays, write_arrays
 from ffsi.timesteps import (
     cut_back,
     keep_checkpoint,
@@ -126,6 +128,23 @@ def test_everything_after_a_step_is_taken_out(directory, cut):
         assert [step.step for step in read_saved_steps(directory)] == [4, 8]
         states = sorted(path.name for path in directory.glob("state-*"))
         assert states == [f"state-{i:06d}.bin" for i in (3, 4, 7, 8)]
+
+
+def test_cycles_after_a_step_are_taken_out(directory):
+    for number in (1, 2, 3):  # of 0.4 s each; step 9 ends at 0.9 s
+        arrays = [np.array([1, number, 1]), 0.4 * np.array([number - 1.0, number]), np.array([0]), *[np.ones(1)] * 4]
+        write_arrays(directory / f"wall-{number:04d}.bin", arrays)
+    write_arrays(directory / "wall-0004.bin", [np.array([1, 4, 1])])  # a kill cut it off
+    cut_back(directory, 9)
+    assert sorted(path.name for path in directory.glob("wall-*")) == ["wall-0001.bin", "wall-0002.bin"]
+
+
+@pytest.mark.parametrize(("more", "whole"), [(4, True), (3, False)])
+def test_a_checkpoint_with_the_sums_of_a_cycle(directory, more, whole):
+    head, times, *arrays, mark = read_arrays(directory / "checkpoint-b.bin", (int, float), more=float)
+    sums = [np.ones(3)] * more
+    write_arrays(directory / "checkpoint-b.bin", [head, times, *arrays, *sums, mark.view(np.int64)])
+    assert newest_checkpoint(directory).step == (9 if whole else 6)
 
 
 def test_saved_steps_need_both_files(directory):
