@@ -253,7 +253,7 @@ MUTATIONS = {
         [("work = fluidDensity*(1-timeTheta)*oldJ;", "work = fluidDensity*(1-timeTheta)*fluidJ;")],
         1.7,
     ),
-    "stress of the new state": ("solid", [("f *= timeTheta;", ""), ("f *= 1-timeTheta;", "f *= 0;")], 1.2),
+    "stress of the new state": ("solid", [("beamSecond *= timeTheta; beamSecond += beamOldSecond;", "")], 1.2),
     "no outlet's term of the old state": ("both", [("nodes = outletXY*old; nodes *= 1-timeTheta;", "nodes = 0;")], 0.5),
     "convection": ("both", [("S11 += G12.*relativeY;", "S11 -= G12.*relativeY;")], 0.2),
 }
