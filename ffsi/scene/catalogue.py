@@ -212,7 +212,7 @@ def _scenes() -> list[Scene]:
             "Turek-Hron FSI3: light elastic beam, fast oscillations, Re 200",
             2.0,
             2.0e6,
-            time=periodic(step=0.005, end=6.0),
+            time=periodic(step=0.005, end=10.0),
         ),
         cylinder(
             "cylinder-2d1", "Schaefer-Turek 2D-1: steady flow around a cylinder, Re 20", Inflow(mean_velocity=0.2)
