@@ -178,21 +178,42 @@ def mesh_motion(motion: MeshMotion, alpha: Floats, elements: Elements, u: Array)
     return {name: against_gradient(stiffness * flux, elements) for name, flux in fluxes.items()}
 
 
-def solid_momentum(solid: Solid, gravity: Vector, elements: Elements, u: Array, p: Array) -> dict[str, Array]:
-    """Terms of a solid's momentum, (n, 6, 2) newtons per metre depth: stress, gravity and, if mixed, pressure.
+def solid_fluxes(solid: Solid, elements: Elements, gradient: Array, p: Array) -> dict[str, Array]:
+    """First Piola-Kirchhoff stress of a solid by its parts, (n, q, 2, 2) pascals: stress and, if mixed, pressure.
 
-    ``p`` (n, 3) is the pressure of a mixed solid, whose stress is dW_0/dF only; its own term is -p cof F. Other solids
-    ignore it.
+    ``gradient`` (n, q, 2, 2) is that of the displacement, ``p`` (n, 3) the pressure of a mixed solid, whose stress is
+    dW_0/dF only; its own part is -p cof F. Other solids ignore it.
     """
-    gradient = gradient_of(u, elements.gradients)
-    weight = np.broadcast_to(-solid.density * np.array(gravity), (len(u), 7, 2))
     if (material := solid.mixed_material) is None:
-        fluxes = {"stress": solid.material.first_piola(gradient)}
-    else:
-        pressure = -(p @ elements.p1.T)[..., None, None] * cofactor(IDENTITY + gradient)
-        fluxes = {"stress": material.base_stress(gradient), "pressure": pressure}
+        return {"stress": solid.material.first_piola(gradient)}
+    pressure = -(p @ elements.p1.T)[..., None, None] * cofactor(IDENTITY + gradient)
+    return {"stress": material.base_stress(gradient), "pressure": pressure}
+
+
+def solid_momentum(solid: Solid, gravity: Vector, elements: Elements, u: Array, p: Array) -> dict[str, Array]:
+    """Terms of a solid's momentum, (n, 6, 2) newtons per metre depth: those of ``solid_fluxes``, and gravity."""
+    fluxes = solid_fluxes(solid, elements, gradient_of(u, elements.gradients), p)
+    weight = np.broadcast_to(-solid.density * np.array(gravity), (len(u), 7, 2))
     result = {name: against_gradient(flux, elements) for name, flux in fluxes.items()}
     return result | {"gravity": against_value(weight, elements)}
+
+
+def second_piola(gradient: Array, stress: Array) -> Array:
+    """Second Piola-Kirchhoff stress F^-1 P of the displacement gradient and the first one, (..., 2, 2)."""
+    deformation = IDENTITY + gradient
+    result: Array = transpose(cofactor(deformation)) @ stress / determinant(deformation)[..., None, None]
+    return result
+
+
+def step_stress(step: Step, gradients: tuple[Array, Array], stresses: tuple[Array, Array]) -> Array:
+    """Stress of a time step F_theta (theta S + (1-theta) S_n), from (new, old) grad u and first Piola-Kirchhoff stress.
+
+    The mean of the first Piola-Kirchhoff stresses is not objective: of a body that turns it is not F_theta times the
+    stress that turns with it, and it feeds energy into stiff modes.
+    """
+    second = step.mean(*(second_piola(*end) for end in zip(gradients, stresses, strict=True)))
+    result: Array = (IDENTITY + step.mean(*gradients)) @ second
+    return result
 
 
 def solid_step(
@@ -200,15 +221,22 @@ def solid_step(
 ) -> dict[str, Array]:
     """Terms of a solid's momentum in a time step, (n, 6, 2): those of ``solid_momentum`` and the inertia.
 
-    ``p``, ``old_p`` (n, 3) are the pressures of a mixed solid. All stresses are means of both ends; but an
-    incompressible solid's pressure, a multiplier, has one value for the step, the new one. A compressible one's is a
-    function of J, which belongs to the time of its F.
+    ``p``, ``old_p`` (n, 3) are the pressures of a mixed solid. An incompressible solid's pressure, a multiplier, has
+    one value for the step, the new one, on the mean of both cof F. A compressible one's is a function of J, which
+    belongs to the time of its F: it is a part of the stress of each end.
     """
-    pressures = (p, p if solid.formulation == "incompressible" else old_p)
-    ends = [solid_momentum(solid, gravity, elements, at.u, q) for at, q in zip((new, old), pressures, strict=True)]
+    gradients = gradient_of(new.u, elements.gradients), gradient_of(old.u, elements.gradients)
+    multiplier = solid.formulation == "incompressible"
+    pressures = (p, p if multiplier else old_p)
+    ends = [solid_fluxes(solid, elements, at, q) for at, q in zip(gradients, pressures, strict=True)]
+    fluxes = {name: step_stress(step, gradients, (ends[0][name], ends[1][name])) for name in ends[0]}
+    if multiplier:
+        fluxes["pressure"] = step.mean(ends[0]["pressure"], ends[1]["pressure"])
+    weight = np.broadcast_to(-solid.density * np.array(gravity), (len(elements), 7, 2))
     acceleration = elements.basis @ step.rate(new.v, old.v)
-    return {name: step.mean(*(end[name] for end in ends)) for name in ends[0]} | {
-        "inertia": against_value(solid.density * acceleration, elements)
+    return {name: against_gradient(flux, elements) for name, flux in fluxes.items()} | {
+        "gravity": against_value(weight, elements),
+        "inertia": against_value(solid.density * acceleration, elements),
     }
 
 

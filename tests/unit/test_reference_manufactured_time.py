@@ -170,7 +170,7 @@ def test_solid_converges_in_time(scheme):
 @pytest.mark.parametrize("make", [swelling_solid, sheared_solid])
 @pytest.mark.parametrize("scheme", SCHEMES)
 def test_solid_with_a_pressure_converges_in_time(make, scheme):
-    errors = time_errors(*make(), scheme)
+    errors = time_errors(*make(), scheme, counts=(16, 32))
     assert_orders(errors[:, :2], 2 * [ORDERS[scheme]])
     assert_orders_of_pressure(errors[:, 3], make is swelling_solid, scheme)
 

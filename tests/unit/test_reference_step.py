@@ -233,12 +233,17 @@ def wrong_pressure(surface, formulation):
     return wrong
 
 
-def mean_of_both_pressures(solid, gravity, elements, step, new, old, p, old_p):
-    local = SOLID_STEP(solid, gravity, elements, step, new, old, p, old_p)
-    if "pressure" in local:
-        ends = [terms.solid_momentum(solid, gravity, elements, *at)["pressure"] for at in ((new.u, p), (old.u, old_p))]
-        local["pressure"] = step.mean(*ends)
-    return local
+def mean_of_first_piola(name, formulation):
+    """One stress of the solids of one formulation as the mean of both ends, which is not objective."""
+
+    def wrong(solid, gravity, elements, step, new, old, p, old_p):
+        local = SOLID_STEP(solid, gravity, elements, step, new, old, p, old_p)
+        if solid.formulation == formulation:
+            ends = [terms.solid_momentum(solid, gravity, elements, *at)[name] for at in ((new.u, p), (old.u, old_p))]
+            local[name] = step.mean(*ends)
+        return local
+
+    return wrong
 
 
 def implicit_outlet(system, law, outlet, sides, v):
@@ -253,7 +258,10 @@ def implicit_outlet(system, law, outlet, sides, v):
         (terms, "solid_step", wrong_pressure("new", "mixed")),
         (terms, "solid_step", wrong_pressure("mean", "mixed")),
         (terms, "solid_step", wrong_pressure("new", "incompressible")),
-        (terms, "solid_step", mean_of_both_pressures),
+        (terms, "solid_step", mean_of_first_piola("pressure", "incompressible")),
+        (terms, "solid_step", mean_of_first_piola("pressure", "mixed")),
+        (terms, "solid_step", mean_of_first_piola("stress", "mixed")),
+        (terms, "solid_step", mean_of_first_piola("stress", "incompressible")),
         (momentum, "outlet", implicit_outlet),
     ],
 )

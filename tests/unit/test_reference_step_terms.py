@@ -16,12 +16,13 @@ from test_reference_cases import (
 from test_reference_step import THETA, K, beating, rest
 
 from ffsi.rawfiles import RawState
-from ffsi.reference.materials import NeoHookean
+from ffsi.reference.materials import NeoHookean, StVenantKirchhoff
 from ffsi.reference.problem import Solid
 from ffsi.reference.residual import compute_residual
 from ffsi.reference.solve import jacobian, residual_vector
 from ffsi.reference.step import Step
 from ffsi.reference.system import System
+from ffsi.reference.terms import step_stress
 
 
 def random_state(system, seed, size=0.006):
@@ -103,6 +104,13 @@ def test_terms_of_a_solid_are_the_formulas_of_the_document(formulation):
     system, state = random_step(cantilever_problem(solids={2: solid}), channel_mesh(region=2))
     elements, step, n2 = system.solids[2].elements, system.increment.step, system.mesh.n_p2
     new, old = Points(elements, state), Points(elements, system.increment.old)
+
+    def between(stress, old_stress):
+        """F_theta (theta S + (1 - theta) S_n) of the first Piola-Kirchhoff stresses at both ends."""
+        second, old_second = np.linalg.inv(new.f) @ stress, np.linalg.inv(old.f) @ old_stress
+        mean = step.theta * new.f + (1 - step.theta) * old.f
+        return mean @ (step.theta * second + (1 - step.theta) * old_second)
+
     stresses = []
     for at in (new, old):
         stress = mu * (at.f - at.cof / at.j[..., None, None])
@@ -110,7 +118,7 @@ def test_terms_of_a_solid_are_the_formulas_of_the_document(formulation):
             stress = stress + (lame_lambda * np.log(at.j) / at.j)[..., None, None] * at.cof
         stresses.append(stress)
     expected = {
-        "stress in region 2": assemble(elements, n2, flux=step.theta * stresses[0] + (1 - step.theta) * stresses[1]),
+        "stress in region 2": assemble(elements, n2, flux=between(*stresses)),
         "inertia": assemble(elements, n2, density * (new.v - old.v) / K),
         "gravity": assemble(elements, n2, density * np.broadcast_to([0.0, 1.0], new.v.shape)),
     }
@@ -119,8 +127,9 @@ def test_terms_of_a_solid_are_the_formulas_of_the_document(formulation):
             np.einsum("qa,ta->tq", elements.p1, at.ps[0][elements.vertices])[..., None, None]
             for at in (state, system.increment.old)
         )
-        p_old = p if formulation == "incompressible" else p_old
-        flux = -step.theta * p * new.cof - (1 - step.theta) * p_old * old.cof
+        flux = between(-p * new.cof, -p_old * old.cof)
+        if formulation == "incompressible":
+            flux = -p * (step.theta * new.cof + (1 - step.theta) * old.cof)
         expected["pressure in region 2"] = assemble(elements, n2, flux=flux)
     residual = compute_residual(system, state)
     found = residual.equations["momentum"].terms
@@ -132,6 +141,47 @@ def test_terms_of_a_solid_are_the_formulas_of_the_document(formulation):
     free = system.mesh.p2_coordinates[:, 0] > 0.0
     largest_velocity = np.hypot(*state.v.T).max()
     assert residual.kinematics == pytest.approx(np.abs(left[free]).max() / largest_velocity, rel=1e-13)
+
+
+def rotation(angle):
+    cos, sin = np.cos(angle), np.sin(angle)
+    return np.array([[cos, -sin], [sin, cos]])
+
+
+STRETCH, OLD_STRETCH = np.array([[1.2, 0.1], [0.1, 0.9]]), np.array([[0.95, -0.2], [-0.2, 1.1]])
+
+
+def ends(new, old, material):
+    """Displacement gradients and first Piola-Kirchhoff stresses, (new, old), of two deformations."""
+    gradients = new - np.eye(2), old - np.eye(2)
+    return gradients, tuple(material.first_piola(gradient) for gradient in gradients)
+
+
+def test_stress_of_a_step_does_the_work_that_the_energy_changes_by():
+    material = StVenantKirchhoff(60.0, 30.0)
+    gradients, stresses = ends(rotation(0.9) @ STRETCH, rotation(0.2) @ OLD_STRETCH, material)
+    change = material.energy(gradients[0]) - material.energy(gradients[1])
+
+    def work(stress):
+        return (stress * (gradients[0] - gradients[1])).sum()
+
+    midpoint = Step(K, 0.5, 0.3)
+    assert work(step_stress(midpoint, gradients, stresses)) == pytest.approx(change, rel=1e-12)
+    assert work(midpoint.mean(*stresses)) != pytest.approx(change, rel=1e-2)
+    assert work(step_stress(Step(K, 0.6, 0.3), gradients, stresses)) != pytest.approx(change, rel=1e-2)
+
+
+@pytest.mark.parametrize("theta", [0.5, 0.7, 1.0])
+@pytest.mark.parametrize("material", [StVenantKirchhoff(60.0, 30.0), NeoHookean(60.0, 30.0)])
+def test_stress_of_a_step_that_turns_a_body_turns_with_it(material, theta):
+    new, old = (rotation(angle) @ STRETCH for angle in (0.9, 0.2))
+    step = Step(K, theta, 0.3)
+    second = np.linalg.inv(STRETCH) @ material.first_piola(STRETCH - np.eye(2))
+    found = step_stress(step, *ends(new, old, material))
+    np.testing.assert_allclose(found, (theta * new + (1 - theta) * old) @ second, rtol=0, atol=1e-13 * 60.0)
+    # What a rigid rotation of both ends does to the stress is the rotation.
+    turned = step_stress(step, *ends(rotation(0.4) @ new, rotation(0.4) @ old, material))
+    np.testing.assert_allclose(turned, rotation(0.4) @ found, rtol=0, atol=1e-13 * 60.0)
 
 
 def test_inertia_is_one_term_of_fluid_and_solids():
