@@ -29,12 +29,13 @@ def channel(outlet: dict[str, object], **inflow: object) -> Scene:
     return Scene.model_validate(table)
 
 
-ROOF = ("flap-neo-hookean-roof", "inflow.mean_velocity=0.05", "support.stiffness=100", "support.damping=3")
+SUPPORT = ("support.stiffness=100", "support.damping=3")
+ROOF = ("flap-neo-hookean-roof", "mesh.size_factor=2", "inflow.mean_velocity=0.05", *SUPPORT)
 MOVING = ("time={step=0.02, end=0.1}", "inflow.ramp=0.1", "mesh_motion.kind=harmonic")
 STEADY, IN_TIME = scene_of(*ROOF), scene_of(*ROOF, *MOVING)
 BEATING = {"waveform": "mca", "ramp": 0.3}
 
-# Scene, text of the rendered script, the same with one other sign.
+# Scene, text of the rendered script, the same with one other sign or factor.
 MUTATIONS = {
     "pressure": (
         channel({"kind": "pressure", "pressure": 3.0}),
@@ -78,9 +79,9 @@ MUTATIONS = {
         "Backflow(1-timeTheta, oldRows)",
         "Backflow(timeTheta-1, oldRows)",
     ),
-    "stiffness of the support": (STEADY, "matrix m = (supportStiffness)*", "matrix m = (-supportStiffness)*"),
+    "stiffness of the support": (STEADY, "matrix m = (supportStiffness)*", "matrix m = (1.1*supportStiffness)*"),
     "stiffness in time": (IN_TIME, "uyTo); old *= supportStiffness;", "uyTo); old *= -supportStiffness;"),
-    "damping": (IN_TIME, "m = (timeTheta*supportDamping)*", "m = (-timeTheta*supportDamping)*"),
+    "damping": (IN_TIME, "vyTo); old += supportDamping*nodes", "vyTo); old -= supportDamping*nodes"),
     "waveform": (channel({"kind": "do-nothing"}, **BEATING), " + waveSine[k]*sin(", " - waveSine[k]*sin("),
     "Womersley's profile, c_k": (
         channel({"kind": "do-nothing"}, profile="womersley", **BEATING),
