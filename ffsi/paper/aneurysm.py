@@ -125,6 +125,8 @@ def write(results: Mapping[Variant, Result], out: Path, written_by: str) -> None
     for variant, result in solved.items():
         wall = result.wall
         if wall is not None:
+            if variant.pulsatile:
+                wall = wall[wall["cycle"] == wall["cycle"].max()]
             folder.write_text(out / f"aneurysm-{variant.name}-wall.csv", wall.to_csv(index=False, float_format="%.6g"))
     names = []
     for name, figure in draw(solved).items():

@@ -186,12 +186,12 @@ def test_the_case_converges(solved, case):
 def test_the_checker_agrees(solved, case):
     scene, check = STEADY[case], solved(case).data["check"]
     expected = {"momentum", "dirichlet"}
-    expected |= {"continuity"} if scene.fluid else set()
+    expected |= {"continuity", "wall_difference"} if scene.fluid else set()
     expected |= set(DIFFERENCES) if has_forces(scene) else set()
     expected |= {"kinematics", "mesh_motion"} if scene.physics == "fsi" else set()
     expected |= {"incompressibility"} if any(solid.mixed for solid in scene.solid.values()) else set()
     assert {name for name, value in check.items() if value is not None} == expected
-    assert set(check) == {*RESIDUALS, *DIFFERENCES, "outlet_difference"}
+    assert set(check) == {*RESIDUALS, *DIFFERENCES, "outlet_difference", "wall_difference"}
     for name in expected:
         assert 0 <= check[name] < 1e-8, name
 
