@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 from test_cli import call
 
-from ffsi import folder
+from ffsi import folder, unsteady
 from ffsi.bench import time_steps
 from ffsi.bench import unsteady as bench
 from ffsi.bench.time_steps import FINEST
@@ -33,6 +33,13 @@ def swing(step: float, error: float = 100.0, failure: str = "") -> TimeRun:
     run = TimeRun(f"step-{step}", time_steps.scene(step), folder.Path("nowhere"), {"failure": failure})
     run.__dict__["history"] = pd.DataFrame({"time": t, "tip_uy": u, "seconds": 1 + t})
     return run
+
+
+@pytest.fixture
+def in_time(in_time, monkeypatch):
+    """The stand-in, without looks at its progress: they cost more than all the rest."""
+    monkeypatch.setattr(unsteady, "LOOK_EVERY", math.inf)
+    return in_time
 
 
 START = bench.Steps({"failure": ""}, phases=dict.fromkeys(bench.SOLVER, 0.01))

@@ -9,9 +9,10 @@ import pytest
 from test_cli import call
 from time_folders import scene_in_time
 
-from ffsi import folder
+from ffsi import folder, unsteady
 from ffsi.folder import InputError
 from ffsi.references import references
+from ffsi.report.figures import to_png
 from ffsi.result import published_value
 from ffsi.scene import CASES
 from ffsi.verification import long, periodic, periodic_runs, reference_sets
@@ -37,6 +38,19 @@ BOUNDS = {  # in per cent
     },
 }  # fmt: skip
 README = "before\n<!-- verification-unsteady:begin -->\nold\n<!-- verification-unsteady:end -->\nafter\n"
+
+
+@pytest.fixture(autouse=True)
+def coarse_pictures(monkeypatch):
+    for module in (periodic, long):
+        monkeypatch.setattr(module, "to_small_png", lambda figure: to_png(figure, 20))
+
+
+@pytest.fixture
+def in_time(in_time, monkeypatch):
+    """The stand-in, without looks at its progress: they cost more than all the rest."""
+    monkeypatch.setattr(unsteady, "LOOK_EVERY", math.inf)
+    return in_time
 
 
 def published(case: str) -> dict[str, dict[str, float | None]]:
@@ -222,18 +236,21 @@ def test_the_table_of_a_case():
 def test_everything_is_written(tmp_path, in_time, check, capsys):
     readme = tmp_path / "README.md"
     readme.write_text(README)
-    cases = [replace(BY_NAME[name], parts=(10.0, 5.0)) for name in ("turek-fsi3", "turek-cfd3")]
+    cases = [
+        replace(BY_NAME["turek-fsi3"], parts=(20.0, 10.0)),
+        replace(BY_NAME["turek-cfd3"], parts=(20.0,), coarser=(0,)),
+    ]
     given = {"out": tmp_path / "results", "runs": tmp_path / "runs", "cases": cases}
-    assert periodic.main(readme=readme, **given) == [""] * 8
+    assert periodic.main(readme=readme, **given) == [""] * 5
     frame = pd.read_csv(tmp_path / "results/verification-unsteady.csv")
-    assert frame["case"].tolist() == ["turek-fsi3"] * 4 + ["turek-cfd3"] * 4
+    assert frame["case"].tolist() == ["turek-fsi3"] * 4 + ["turek-cfd3"]
     row = frame.iloc[0]
-    assert row["step"] == pytest.approx(10 * CASES["turek-fsi3"].time.step)
-    assert row["tip_uy_amplitude"] == pytest.approx(0.03, rel=1e-2)
-    assert row["tip_uy_amplitude_error"] == pytest.approx(0.03 / 34.99e-3 - 1, abs=1e-2)
+    assert row["step"] == pytest.approx(20 * CASES["turek-fsi3"].time.step)
+    assert row["tip_uy_amplitude"] == pytest.approx(0.03, rel=2e-2)
+    assert row["tip_uy_amplitude_error"] == pytest.approx(0.03 / 34.99e-3 - 1, abs=2e-2)
     assert (row["tip_uy_amplitude_reference"], row["tip_uy_amplitude_bound"]) == (34.99e-3, 0.03)
     assert row["iterations_per_step"] == 2
-    assert row["rebuilds_per_100_steps"] == pytest.approx(10, abs=0.5)
+    assert row["rebuilds_per_100_steps"] == pytest.approx(10, abs=1)
     assert row["seconds_per_step"] == pytest.approx(0.01)
     assert (tmp_path / "results/verification-unsteady.png").read_bytes().startswith(b"\x89PNG")
     text = readme.read_text()
@@ -244,7 +261,7 @@ def test_everything_is_written(tmp_path, in_time, check, capsys):
     assert "| u_y amplitude (< 3 %) |" in (tmp_path / "results/verification-unsteady.md").read_text()
     assert "turek-cfd3" in capsys.readouterr().out
     steps = list(in_time.first_steps)
-    assert periodic.main(readme=readme, **given) == [""] * 8
+    assert periodic.main(readme=readme, **given) == [""] * 5
     assert in_time.first_steps == steps
     assert readme.read_text() == text
 
