@@ -35,7 +35,7 @@ run: setup
 	@$(BIN)/ffsi report $(STUDY) -o $(STUDY)/report.html
 
 test: setup test-system
-	@$(BIN)/python -m pytest tests/unit tests/freefem
+	@$(BIN)/python -m pytest -n 2 --dist loadfile tests/unit tests/freefem
 
 verify: setup
 	@$(BIN)/ffsi verify --out results --readme README.md
