@@ -16,12 +16,11 @@ from ffsi.scene import load_scene
 from ffsi.verification.periodic_runs import TimeRun
 
 README = "<!-- bench-unsteady:begin -->\nold\n<!-- bench-unsteady:end -->\n"
-SIZE = bench.Size("small", 900, ("mesh.level=0", "inflow.ramp=0.1", "time.checkpoint_interval=0.25"), 0.02)
+SIZE = bench.Size("small", 900, ("mesh.level=0", "inflow.ramp=0.1", "time.checkpoint_interval=0.25"), 1.0, 0.02)
 
 
 @pytest.fixture
 def short(monkeypatch):
-    monkeypatch.setattr(bench, "DEVELOPED", 1.0)
     monkeypatch.setattr(bench, "STEPS", {"condensed": 20, "newton": 4})
     monkeypatch.setattr(time_steps, "run", lambda runs: [swing(step) for step in (*time_steps.STEPS, FINEST)])
 
