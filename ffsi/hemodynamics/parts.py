@@ -16,7 +16,7 @@ Floats = NDArray[np.float64]
 PARTS = ("dome", "neck", "vessel")
 NECK_ZONE = 0.25
 """The neck: the walls within this part of its length from its two ends, where the stress has its singular corners."""
-_PIECES = 20
+_PIECES = 21  # odd: one of them lies at the point
 
 
 def neck_radius(geometry: Aneurysm) -> float:
@@ -34,7 +34,7 @@ def part_of(geometry: Aneurysm, label: NDArray[np.int64], position: Floats) -> N
 def over_parts(geometry: Aneurysm, points: WallPoints, values: Floats, length: Floats) -> dict[str, dict[str, float]]:
     """Return mean, largest and smallest value on each part of the walls.
 
-    The mean is that of the piecewise linear curve through the points. A part may end within an edge.
+    All are those of the piecewise linear curve through the points. A part may end within an edge.
 
     Args:
         geometry: the aneurysm.
@@ -57,12 +57,11 @@ def over_parts(geometry: Aneurysm, points: WallPoints, values: Floats, length: F
     label = np.repeat(points.label, _PIECES)
     part = part_of(geometry, label, place.reshape(-1, 2))
     weight = np.repeat(length / _PIECES, _PIECES)
-    exact = part_of(geometry, points.label, points.position)
     found = {}
     for name in PARTS:
-        at = values[exact == name]
+        at = fine.ravel()[part == name]
         if at.size:
-            mean = float(np.average(fine.ravel()[part == name], weights=weight[part == name]))
+            mean = float(np.average(at, weights=weight[part == name]))
             found[name] = {"mean": mean, "max": float(at.max()), "min": float(at.min())}
     return found
 
