@@ -46,7 +46,7 @@ EXPLANATION = (
 
 @dataclass(frozen=True)
 class Size:
-    """A mesh: its name, the unknowns it is meant to have, its settings, when the beam swings (s), bound of a step (s)."""
+    """A mesh: name, the unknowns it is meant to have, settings, when the beam swings (s), bound of a step (s)."""
 
     name: str
     unknowns: int
