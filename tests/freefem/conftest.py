@@ -1,5 +1,6 @@
 """Runs that several tests share: every scene is solved once per session."""
 
+import signal
 from collections.abc import Callable
 from pathlib import Path
 
@@ -9,6 +10,9 @@ from ffsi.freefem import find_freefem, run_script
 from ffsi.result import Result
 from ffsi.run import solve
 from ffsi.scene import Scene, load_scene
+
+# A shell that starts the tests in the background ignores SIGINT, and so would the processes that they interrupt.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 PLAIN = ("output.pictures=false", "output.vtu=false")
 

@@ -1,6 +1,7 @@
 """Stand-ins for FreeFEM and for the checker, shared by the tests of run, study and command line."""
 
 import math
+import signal
 from types import SimpleNamespace
 
 import pytest
@@ -10,6 +11,9 @@ from time_folders import FakeTimeFreeFEM
 from ffsi import run, study, unsteady
 from ffsi.bench import unsteady as bench_unsteady
 from ffsi.verification import periodic_runs
+
+# A shell that starts the tests in the background ignores SIGINT, and so would the processes that they interrupt.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture
