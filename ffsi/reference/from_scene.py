@@ -16,6 +16,8 @@ from ffsi.scene import Scene, boundaries
 
 # Scripts may write their parameters with fewer digits than they compute with.
 _SAME = 1e-9
+# A step that would leave less than this part of it before an output or the end goes to there at once.
+_SLIVER = 1e-3
 # Number of the first steps that damp a jump.
 _DAMPED_STEPS = 2
 
@@ -162,7 +164,7 @@ def refuse_other_step(scene: Scene, step: Step, number: int) -> None:
     time = scene.time
     assert time is not None
     wrong = {
-        f"k = {step.k!r} s, at most {time.step!r} s": step.k > time.step * (1.0 + _SAME),
+        f"k = {step.k!r} s, at most {time.step!r} s": step.k > time.step * (1.0 + _SLIVER + _SAME),
         f"theta = {step.theta!r}, expected {theta!r}": abs(step.theta - theta) > _SAME,
         f"its start is at {step.start!r} s": step.start < -_SAME * step.k,
         f"its end is at {step.time!r} s, the last at {time.end!r} s": step.time > time.end * (1.0 + _SAME),

@@ -19,7 +19,8 @@ SMALLEST_STEP = 1e-3
 class Time(Table):
     """The steps in time from t = 0, of a theta scheme; a scene without this table is steady.
 
-    The last step, and those before an output, are shortened so that they end where they should.
+    The last step, and those before an output, are shortened (or made longer by up to a thousandth, where a sliver would
+    be left) so that they end where they should.
     """
 
     scheme: Literal["shifted-crank-nicolson", "crank-nicolson", "backward-euler"] = Field(

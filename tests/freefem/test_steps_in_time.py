@@ -59,3 +59,13 @@ def test_the_energy_of_a_flow_around_a_beam(tmp_path):
     assert energy["kinetic"] > 0.8 * energy["work"] > 0
     assert energy["dissipated"] > 0
     assert abs(energy["imbalance"]) < 5e-3
+
+
+def test_no_sliver_is_left_before_the_end(tmp_path):
+    """A step that does not quite divide the time: the last one is longer, and the checker knows such steps."""
+    step = 0.4 / 20.0005
+    run = swing(tmp_path, "run", f"time.step={step!r}")
+    assert run.converged, run.reason
+    lengths = run.history["step"].to_numpy()
+    assert len(lengths) == 20
+    assert step * 1.0001 < lengths.max() == lengths[-1] < step * 1.001

@@ -202,6 +202,14 @@ def test_first_steps_damp_a_jump_of_the_inflow(changes, thetas):
             refuse_other_step(scene, Step(0.02, 1.52 - theta, 0.02 * number), number)
 
 
+def test_a_step_may_be_longer_by_a_sliver():
+    changes = {"mesh_motion.kind": "harmonic", "time.scheme": "crank-nicolson", "time.step": 0.02, "time.end": 1.0}
+    scene = with_values(CASES["flap-svk"], changes)
+    refuse_other_step(scene, Step(0.02 * 1.0009, 0.5, 0.5), 25)
+    with pytest.raises(ValueError, match=r"k = .*, at most 0.02 s"):
+        refuse_other_step(scene, Step(0.02 * 1.0011, 0.5, 0.5), 25)
+
+
 def test_steady_scene_has_no_steps():
     with pytest.raises(ValueError, match="flap-svk: a time step, but the scene is steady"):
         refuse_other_step(CASES["flap-svk"], Step(0.1, 0.5, 0.5), 5)
