@@ -16,7 +16,8 @@ from ffsi.scene import load_scene
 from ffsi.verification.periodic_runs import TimeRun
 
 README = "<!-- bench-unsteady:begin -->\nold\n<!-- bench-unsteady:end -->\n"
-SIZE = bench.Size("small", 900, ("mesh.level=0", "inflow.ramp=0.1", "time.checkpoint_interval=0.25"), 1.0, 0.02)
+SETTINGS = ("mesh.level=0", "inflow.ramp=0.1", "time.checkpoint_interval=0.25")
+SIZE = bench.Size("small", "small flag", "turek-fsi3", 900, SETTINGS, 0.005, 1.0, 0.02)
 
 
 @pytest.fixture
@@ -50,7 +51,8 @@ def steps(seconds: list[float], **changes: object) -> bench.Steps:
 
 
 def test_meshes_steps_and_bounds_are_the_stated_ones():
-    assert [(size.unknowns, size.bound) for size in bench.SIZES] == [(13_000, 0.12), (30_000, 0.28)]
+    assert [(size.unknowns, size.bound) for size in bench.SIZES] == [(13_000, 0.12), (30_000, 0.28)] * 2
+    assert bench.SIZES[2].scene(1.0).fluid.law == "carreau"
     for step in ("condensed", "newton"):
         scene = bench.SIZES[0].scene(5.5, step)
         assert (scene.time.step, scene.time.end, scene.time.stop, scene.solver.step) == (0.005, 5.5, "end", step)
@@ -77,7 +79,7 @@ def test_steps_start_from_the_developed_motion_and_its_ends_do_not_count(tmp_pat
     assert condensed["ratio"] == pytest.approx(1.0)
     assert math.isnan(newton["ratio"])
     assert "Written by `ffsi bench --unsteady --repeat 2`" in readme.read_text()
-    assert "| 900 | condensed | 0.010 | 0.010 | 0.02 | 1.0 ! |" in readme.read_text()
+    assert "| small flag | 900 | condensed | 0.010 | 0.010 | 0.02 | 1.0 ! |" in readme.read_text()
     assert "plain Newton" in capsys.readouterr().out
     assert bench.main(**given) == [""] * 12
     assert in_time.first_steps[6:] == [201] * 5
@@ -95,10 +97,10 @@ def test_medians_means_and_ratio():
     assert rows[0]["residual_seconds"] == pytest.approx(0.1)
     rows[0]["ratio"] = 20.0
     body = bench.table(rows, [SIZE]).body
-    assert body[0][:6] == ["13000", "condensed", "0.020", "0.020", "0.02", "20.0"]
-    assert body[1][:6] == ["13000", "plain Newton", "0.400", "0.400", "–", "–"]
+    assert body[0][:7] == ["small flag", "13000", "condensed", "0.020", "0.020", "0.02", "20.0"]
+    assert body[1][:7] == ["small flag", "13000", "plain Newton", "0.400", "0.400", "–", "–"]
     slow = bench.row(SIZE, "condensed", [steps([0.021] * 3)], START)
-    assert bench.table([slow], [SIZE]).body[0][2:4] == ["0.021 !", "0.021 !"]
+    assert bench.table([slow], [SIZE]).body[0][3:5] == ["0.021 !", "0.021 !"]
 
 
 def test_a_failed_run_is_a_row_and_leaves_the_readme_alone(tmp_path, in_time, check, short, capsys):
