@@ -47,8 +47,8 @@ verify-long: setup
 
 bench: setup
 	@$(BIN)/ffsi bench --repeat 3 --out results --readme README.md
-	@$(BIN)/ffsi bench --scenes --repeat 3 --out results --readme README.md
-	@$(BIN)/ffsi bench --mesh-motion --out results --readme README.md
+	@$(BIN)/ffsi bench --scenes --repeat 3 --out results --readme results/bench-scenes.md
+	@$(BIN)/ffsi bench --mesh-motion --out results
 	@$(BIN)/ffsi bench --unsteady --repeat 3 --out results --readme README.md
 
 paper: setup

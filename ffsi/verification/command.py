@@ -13,7 +13,7 @@ from ffsi.verification.benchmarks import BENCHMARKS
 from ffsi.verification.cook import COOK
 from ffsi.verification.elastica import ELASTICA
 from ffsi.verification.flaps import FLAPS
-from ffsi.verification.outputs import command_line, link, origin, prepare, update_readme
+from ffsi.verification.outputs import command_line, has_block, link, origin, prepare, update_readme
 from ffsi.verification.runs import Measurement
 from ffsi.verification.section import Section, markdown
 from ffsi.verification.sources import COLUMNS
@@ -39,7 +39,8 @@ def main(
     Args:
         levels: mesh levels; None: 0 to 4 for FSI1 and the flaps, and 0 to 3 for the others.
         out: folder for `verification.csv` and `verification.md`.
-        readme: file whose blocks (`Section.block`) are replaced, unless a run failed.
+        readme: file whose blocks (`Section.block`) are replaced, unless a run failed. It has that of the first section;
+            those of the others may be missing.
         sections: what to run.
 
     Returns:
@@ -49,8 +50,10 @@ def main(
         InputError: `out` or `readme` cannot be used; nothing was computed.
         FreeFEMNotFound: no FreeFEM on this machine.
     """
-    for section in sections:
-        prepare(out, readme, section.block)
+    prepare(out, readme, sections[0].block)
+    shown = [section for section in sections if readme is not None and has_block(readme, section.block)]
+    for section in shown:
+        prepare(None, readme, section.block)
     done = [(section, _run(section, levels)) for section in sections]
     runs = [run for _, own in done for run in own]
     written = origin(command_line("verify", levels), runs)
@@ -62,7 +65,8 @@ def main(
     if readme is not None and any(failures):
         show.error(f"{readme} stays as it is, because a run failed")
     elif readme is not None:
-        _update(readme, done, written, link(out / MARKDOWN, readme) if out else "")
+        where = link(out / MARKDOWN, readme) if out else ""
+        _update(readme, [pair for pair in done if pair[0] in shown], written, where)
     return failures
 
 

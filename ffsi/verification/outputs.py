@@ -34,6 +34,11 @@ def replace_block(text: str, name: str, content: str) -> str:
     return f"{head}{begin}\n{content.strip()}\n{end}{tail}"
 
 
+def has_block(readme: Path, name: str) -> bool:
+    """Return whether there is a file with a line `<!-- NAME:begin -->`."""
+    return readme.is_file() and f"<!-- {name}:begin -->" in readme.read_text(encoding="utf-8")
+
+
 def prepare(out: Path | None, readme: Path | None, block: str) -> None:
     """Refuse unusable outputs before anything is computed, and make the folder `out`.
 

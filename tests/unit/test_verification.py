@@ -190,6 +190,15 @@ def test_everything_is_written(tmp_path, calls, capsys):
     assert cook.REASON in shown.err
 
 
+def test_the_readme_may_show_the_first_section_only(tmp_path, calls):
+    readme = tmp_path / "README.md"
+    readme.write_text(README)
+    assert set(verification.main([1], None, readme)) == {""}
+    text = readme.read_text()
+    assert "| turek-fsi1 | hp | 1 |" in text
+    assert "elastica" not in text
+
+
 def test_chosen_levels_are_named_and_a_failed_run_leaves_the_readme_alone(tmp_path, calls, monkeypatch, capsys):
     readme = tmp_path / "README.md"
     readme.write_text(ALL_BLOCKS)
@@ -211,7 +220,7 @@ def test_outputs_are_refused_before_anything_runs(tmp_path, calls):
         verification.main([0], None, tmp_path / "README.md")
     with pytest.raises(InputError, match="file: the text needs"):
         verification.main([0], None, tmp_path / "file")
-    (tmp_path / "file").write_text(README)
+    (tmp_path / "file").write_text(README + "<!-- cook:begin -->")
     with pytest.raises(InputError, match="file: the text needs one line <!-- cook:begin -->"):
         verification.main([0], None, tmp_path / "file")
     assert calls == []
