@@ -19,7 +19,21 @@ Readme = Annotated[
     Path | None,
     typer.Option("--readme", metavar="FILE", help="Replace this command's tables in FILE.", show_default=False),
 ]
-VERIFY_OPTIONS = {"": ("levels",), "--unsteady": ("jobs", "runs"), "--long": ("jobs", "runs")}
+Runs = Annotated[
+    Path | None,
+    typer.Option(
+        "--runs",
+        metavar="DIR",
+        help="The run folders of what takes long; a second call goes on from there.",
+        show_default="in runs/",
+    ),
+]
+VERIFY_OPTIONS = {
+    "": ("levels",),
+    "--unsteady": ("jobs", "runs"),
+    "--long": ("jobs", "runs"),
+    "--blood": ("jobs", "runs"),
+}
 BENCH_OPTIONS = {
     "": ("case", "levels", "repeat"),
     "--scenes": ("repeat",),
@@ -36,6 +50,9 @@ def verify(
     long: Annotated[
         bool, typer.Option("--long", help="FSI2 and FSI3 over many periods instead (takes an hour or so).")
     ] = False,
+    blood: Annotated[
+        bool, typer.Option("--blood", help="The flow of blood in channels and the aneurysm instead (takes minutes).")
+    ] = False,
     levels: Annotated[
         str | None,
         typer.Option(
@@ -47,17 +64,9 @@ def verify(
     ] = None,
     jobs: Annotated[
         int | None,
-        typer.Option("--jobs", min=1, help="Runs at a time, with --unsteady and --long.", show_default="1"),
+        typer.Option("--jobs", min=1, help="Runs at a time, with --unsteady, --long, --blood.", show_default="1"),
     ] = None,
-    runs: Annotated[
-        Path | None,
-        typer.Option(
-            "--runs",
-            metavar="DIR",
-            help="The run folders of --unsteady and --long; a second call goes on.",
-            show_default="runs/verify",
-        ),
-    ] = None,
+    runs: Runs = None,
     out: TableFolder = None,
     readme: Readme = None,
 ) -> None:
@@ -65,7 +74,7 @@ def verify(
 
     Exit codes: 0 all runs solved and checked, else as `ffsi run`; errors against published values do not count.
     """
-    kind = _kind({"--unsteady": unsteady, "--long": long})
+    kind = _kind({"--unsteady": unsteady, "--long": long, "--blood": blood})
     options = _options("verify", kind, VERIFY_OPTIONS, {"levels": levels, "jobs": jobs, "runs": runs})
     options |= {name: value for name, value in {"out": out, "readme": readme}.items() if value is not None}
     if unsteady:
@@ -76,6 +85,10 @@ def verify(
         from ffsi.verification.long import main as verify_long
 
         raise typer.Exit(worst(verify_long(**options)))
+    if blood:
+        from ffsi.verification.blood import main as verify_blood
+
+        raise typer.Exit(worst(verify_blood(**options)))
     from ffsi.verification import main as verify_all
 
     raise typer.Exit(worst(verify_all(_levels(levels) if levels is not None else None, out, readme)))
@@ -106,15 +119,7 @@ def bench(
     repeat: Annotated[
         int | None, typer.Option("--repeat", min=1, help="Runs per level or scene; medians.", show_default="1")
     ] = None,
-    runs: Annotated[
-        Path | None,
-        typer.Option(
-            "--runs",
-            metavar="DIR",
-            help="The run folders of --unsteady; a second call finds the developed motion there.",
-            show_default="runs/bench-unsteady",
-        ),
-    ] = None,
+    runs: Runs = None,
     out: TableFolder = None,
     readme: Readme = None,
 ) -> None:

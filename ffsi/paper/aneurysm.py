@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -16,68 +15,15 @@ from ffsi.paper.aneurysm_text import document
 from ffsi.report import figures, walls
 from ffsi.result import Result, load_result
 from ffsi.run import solve
-from ffsi.scene import CASES, Scene
+from ffsi.scene import Scene
 from ffsi.verification import prepare
+from ffsi.verification.aneurysm import VARIANTS, AneurysmVariant
 
 OUT = Path("results/paper")
 RUNS = Path("runs/paper")
 LEVEL = 2
 MARKDOWN = "aneurysm.md"
 _FINISHED = ("", "check")
-
-
-@dataclass(frozen=True)
-class Variant:
-    """One computation.
-
-    Attributes:
-        name: of its folder.
-        pulsatile: whether the flow is.
-        elastic: whether the walls are, else rigid.
-        carreau: whether blood is a Carreau fluid, else Newtonian.
-    """
-
-    name: str
-    pulsatile: bool
-    elastic: bool
-    carreau: bool
-
-    @property
-    def label(self) -> str:
-        """Name in legends and tables."""
-        return f"{'elastic' if self.elastic else 'rigid'}, {'Carreau' if self.carreau else 'Newtonian'}"
-
-    def scene(self, level: int) -> Scene:
-        """Return the scene on a mesh level, without the pictures of a run."""
-        table = CASES["aneurysm-pulsatile" if self.pulsatile else "aneurysm"].model_dump(exclude_none=True)
-        table["name"] = f"aneurysm-{self.name}"
-        table["mesh"]["level"] = level
-        table["output"] |= {"pictures": False, "vtu": False}
-        if self.carreau:
-            table["fluid"] = CASES["aneurysm-carreau"].model_dump()["fluid"]
-        if self.pulsatile:
-            # Twenty states per cycle: one of them is near the systole.
-            table["time"]["output_interval"] = table["inflow"]["period"] / 20
-        if not self.elastic:
-            for key in ("solid", "mesh_motion", "support"):
-                table.pop(key, None)
-        return Scene.model_validate(table)
-
-
-VARIANTS = tuple(
-    Variant(
-        "-".join(
-            ("pulsatile" if pulsatile else "steady", "elastic" if elastic else "rigid")
-            + (("carreau",) if carreau else ())
-        ),
-        pulsatile,
-        elastic,
-        carreau,
-    )
-    for pulsatile in (False, True)
-    for elastic in (True, False)
-    for carreau in (False, True)
-)
 
 
 def main(*, level: int = LEVEL, out: Path = OUT, runs: Path = RUNS) -> list[str]:
@@ -98,7 +44,7 @@ def main(*, level: int = LEVEL, out: Path = OUT, runs: Path = RUNS) -> list[str]
     """
     scenes = {variant: variant.scene(level) for variant in VARIANTS}
     prepare(out, None, "")
-    results: dict[Variant, Result] = {}
+    results: dict[AneurysmVariant, Result] = {}
     with show.progress("aneurysm", len(scenes)) as on_event:
         for variant, scene in scenes.items():
             directory = runs / f"aneurysm-level-{level}" / variant.name
@@ -119,7 +65,7 @@ def solved_before(scene: Scene, directory: Path) -> Result | None:
     return result if same and result.failure in _FINISHED else None
 
 
-def write(results: Mapping[Variant, Result], out: Path, written_by: str) -> None:
+def write(results: Mapping[AneurysmVariant, Result], out: Path, written_by: str) -> None:
     """Write the curves along the walls, the figures and `aneurysm.md`."""
     solved = {variant: result for variant, result in results.items() if result.solved}
     for variant, result in solved.items():
@@ -143,7 +89,7 @@ def systole(result: Result) -> float:
     return float(t[int(inflow.factor(t).argmax())])
 
 
-def draw(results: Mapping[Variant, Result]) -> dict[str, Figure]:
+def draw(results: Mapping[AneurysmVariant, Result]) -> dict[str, Figure]:
     """Return the figures by name; those whose runs are missing miss."""
     found: dict[str, Figure] = {}
     by_name = {variant.name: result for variant, result in results.items()}

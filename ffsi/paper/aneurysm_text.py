@@ -10,7 +10,7 @@ from ffsi.result import Result
 from ffsi.verification import NOTHING, TextTable, number
 
 if TYPE_CHECKING:
-    from ffsi.paper.aneurysm import Variant
+    from ffsi.verification.aneurysm import AneurysmVariant
 
 INTRODUCTION = (
     "Section 5.4 and figures 15 to 18 of *Finite Element Method for Strongly Coupled Fluid-Structure Interaction of a "
@@ -63,7 +63,7 @@ _STEADY = (
 )
 
 
-def document(results: Mapping[Variant, Result], pictures: Collection[str], command: str) -> str:
+def document(results: Mapping[AneurysmVariant, Result], pictures: Collection[str], command: str) -> str:
     """Return `aneurysm.md`.
 
     Args:
@@ -101,7 +101,7 @@ def _parts_text() -> str:
     )
 
 
-def overview(results: Mapping[Variant, Result]) -> TextTable:
+def overview(results: Mapping[AneurysmVariant, Result]) -> TextTable:
     """Return one row per computation: mesh, steps, seconds, how it ended."""
     head = ("flow", "walls, blood", "unknowns", "steps", "seconds", "largest check", "status")
     table = TextTable(head, left=2)
@@ -120,7 +120,7 @@ def overview(results: Mapping[Variant, Result]) -> TextTable:
     return table
 
 
-def steady_table(results: Mapping[Variant, Result]) -> TextTable:
+def steady_table(results: Mapping[AneurysmVariant, Result]) -> TextTable:
     """Return one row per quantity, one column per steady computation."""
     chosen = {variant.label: result.quantities for variant, result in results.items() if not variant.pulsatile}
     table = TextTable(("", *chosen))
@@ -129,7 +129,7 @@ def steady_table(results: Mapping[Variant, Result]) -> TextTable:
     return table
 
 
-def cycle_table(results: Mapping[Variant, Result]) -> TextTable:
+def cycle_table(results: Mapping[AneurysmVariant, Result]) -> TextTable:
     """Return one row per pulsatile computation and part of the walls."""
     head = (
         "walls, blood",
@@ -162,7 +162,7 @@ def cycle_table(results: Mapping[Variant, Result]) -> TextTable:
     return table
 
 
-def statements(results: Mapping[Variant, Result]) -> str:
+def statements(results: Mapping[AneurysmVariant, Result]) -> str:
     """Return the paper's statements in words with the numbers found."""
     by_name = {variant.name: result for variant, result in results.items()}
     lines = []

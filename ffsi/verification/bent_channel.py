@@ -63,7 +63,7 @@ def bent_flow(
     r = np.linspace(inner, outer, _POINTS)
     flow = _flow(fluid, r, flow_rate, np.zeros_like(r))
     if widening:
-        slowed = cumulative_trapezoid(r * flow.velocity**2, r, initial=0.0)
+        slowed = cumulative_trapezoid(r * flow.velocity**2, r, initial=0)
         flow = _flow(fluid, r, flow_rate, -fluid.density * widening * slowed / r**2)
     return flow
 
@@ -91,5 +91,5 @@ def _flow(fluid: IncompressibleFluid, r: Floats, flow_rate: float, inertia: Floa
     if np.abs(missed(found.x)).max() > 1e-9:
         raise RuntimeError(f"no fully developed flow between the radii {r[0]} and {r[-1]} m: {found.message}")
     half, tau = stresses(found.x)
-    velocity = r * cumulative_trapezoid(shear_rate(fluid, tau) / r, r, initial=0.0)
+    velocity = r * cumulative_trapezoid(shear_rate(fluid, tau) / r, r, initial=0)
     return BentFlow(-2 * half, float(tau[0]), float(-tau[-1]), r, velocity)

@@ -1,4 +1,4 @@
-"""Runs in time that may take hours: each in a folder of its own, several at a time, and none twice."""
+"""Runs that may take hours, most of them in time: each in a folder of its own, several at a time, and none twice."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from ffsi.unsteady import RESUMABLE
 
 @dataclass(frozen=True)
 class TimeRun:
-    """A run in time: its folder, and the content of its `result.json`."""
+    """A run, in time or steady: its folder, and the content of its `result.json`."""
 
     name: str
     scene: Scene
@@ -63,6 +63,8 @@ class TimeRun:
     @property
     def seconds(self) -> float:
         """Processor time of the script, those before a resume included, s."""
+        if self.scene.time is None:
+            return float((self.data.get("timings") or {}).get("script", math.nan))
         return seconds_of_run(self.history)
 
     @property
@@ -92,7 +94,7 @@ class TimeRun:
 
 
 def run_all(scenes: Mapping[str, Scene], runs: Path, jobs: int = 1, label: str = "") -> list[TimeRun]:
-    """Run scenes in time, or what is missing of them, with one thread each.
+    """Run scenes, or what is missing of them, with one thread each.
 
     Args:
         scenes: by name of the run folder.
@@ -129,7 +131,7 @@ def _alone(name: str, scene: Scene, directory: Path) -> TimeRun:
 
 
 def run_one(name: str, scene: Scene, directory: Path, on_event: OnEvent | None = None) -> TimeRun:
-    """Run a scene in time in its folder, or what is missing of it; arguments and errors as of `run_all`."""
+    """Run a scene in its folder, or what is missing of it; arguments and errors as of `run_all`."""
     state = _state(scene, directory)
     if state != "finished":
         try:
@@ -143,6 +145,8 @@ def run_one(name: str, scene: Scene, directory: Path, on_event: OnEvent | None =
         show.error(f"{name}: {run.data.get('reason')}; what there is lies in {directory}")
     elif state == "finished":
         show.note(f"{name}: finished before, in {directory}{_other_script(scene, directory)}")
+    elif scene.time is None:
+        show.note(f"{name}: {run.seconds:.1f} s")
     else:
         show.note(f"{name}: {run.steps} steps to t = {run.in_time.get('reached'):g} s, {run.seconds:.0f} s")
     return run
@@ -159,10 +163,10 @@ def _state(scene: Scene, directory: Path) -> str:
         return "new"
     result = directory / folder.RESULT
     if not result.is_file():
-        return "begun"
+        return "begun" if scene.time is not None else "new"
     failure = folder.read_json(result).get("failure")
     if failure in RESUMABLE:
-        return "begun"
+        return "begun" if scene.time is not None else "new"
     return "new" if failure and _other_script(scene, directory) else "finished"
 
 
