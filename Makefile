@@ -20,7 +20,7 @@ help:
 	@echo "make setup   install what is missing: FreeFEM (apt) and the Python environment in $(VENV)"
 	@echo "make run     the flap study: a sweep over the inflow velocity, and its report"
 	@echo "make test    unit tests and small real runs"
-	@echo "make verify  the published values: results/verification*, README.md, and their tests (hours; a second call goes on)"
+	@echo "make verify  published values and flow of blood: results/verification*, results/blood*, README.md, and their tests (hours; a second call goes on)"
 	@echo "make verify-long  FSI2 and FSI3 over many periods: results/long*, README.md (an hour; a second call goes on)"
 	@echo "make bench   error against seconds, cost ratios, mesh motions, time steps: results/bench-*, results/mesh-motion.*, README.md"
 	@echo "make paper   the study of the paper's section 5: results/paper (minutes)"
@@ -40,6 +40,7 @@ test: setup test-system
 verify: setup
 	@$(BIN)/ffsi verify --out results --readme README.md
 	@$(BIN)/ffsi verify --unsteady --jobs $(JOBS) --out results --readme README.md
+	@$(BIN)/ffsi verify --blood --jobs $(JOBS) --out results --readme README.md
 	@$(BIN)/python -m pytest tests/verification
 
 verify-long: setup

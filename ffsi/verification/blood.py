@@ -82,7 +82,8 @@ def main(
     rows = [_row(case, run) for case, run in zip(cases, done, strict=True)]
     rows += level_changes(rows)
     for table in TABLES:
-        table.of(rows).print()
+        if (made := table.of(rows)).body:
+            made.print()
     written = origin("ffsi verify --blood", done)
     if out is not None:
         folder.write_text(out / CSV, to_frame(rows, TABLES).to_csv(index=False, float_format="%.10g"))

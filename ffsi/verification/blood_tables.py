@@ -20,9 +20,9 @@ EXPLANATION = (
 
 def _far(ending: str) -> list[Column]:
     return [
-        Column(f"{name}_{what}{ending}", f"{low:g} to {high:g}°: {title}", part="error", bound=FAR)
+        Column(f"{name}_{what}{ending}", f"{low:g}-{high:g}°: {title}", part="error", bound=FAR)
         for name, (low, high) in RANGES.items()
-        for what, title in (("pressure", "Δp"), ("inner", "WSS inner wall"), ("outer", "WSS outer wall"))
+        for what, title in (("pressure", "Δp"), ("inner", "inner"), ("outer", "outer"))
     ]
 
 
@@ -72,6 +72,7 @@ TABLES = (
             Column("effective_stress_max", "effective stress Pa", form="{:.1f}"),
             _CHECK,
         ),
+        finest=True,
     ),
     MeasuredTable(
         "levels",
@@ -87,7 +88,8 @@ TABLES = (
         "steady",
         "The same far from the dome (angles around the bend's centre; inlet at 90°, neck from 126.5 to 141.4°, outlet "
         "at 180°), beside the fully developed flow in a bent channel between the deformed walls: pressure difference "
-        "in the middle of the lumen over a range of angles, WSS of the edge that is farthest off.",
+        "in the middle of the lumen over a range of angles, and at inner and outer wall the WSS of the edge that is "
+        "farthest off.",
         ("walls, blood", "level"),
         _far(""),
         finest=True,

@@ -46,7 +46,7 @@ class OscillatingCase:
     @property
     def folder(self) -> str:
         """Name of the run folder."""
-        return f"oscillating-level-{self.level}-dt-{self.step:g}"
+        return f"oscillating-level-{self.level}-steps-{round(PERIOD / self.step)}"
 
     @property
     def labels(self) -> tuple[str, ...]:

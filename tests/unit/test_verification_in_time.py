@@ -15,7 +15,7 @@ from ffsi.references import references
 from ffsi.report.figures import to_png
 from ffsi.result import published_value
 from ffsi.scene import CASES
-from ffsi.verification import long, periodic, periodic_runs, reference_sets
+from ffsi.verification import blood, long, periodic, periodic_runs, reference_sets
 from ffsi.verification.periodic_cases import PERIODIC_CASES, PeriodicRun
 from ffsi.verification.periodic_output import Outcome, case_table, marked
 from ffsi.verification.periodic_runs import TimeRun, run_all
@@ -371,6 +371,7 @@ def test_a_long_run_that_died_at_once_has_one_row(tmp_path, in_time, check):
         (["--unsteady"], periodic, {}),
         (["--unsteady", "--jobs", "2"], periodic, {"jobs": 2}),
         (["--long", "--runs", "there"], long, {"runs": folder.Path("there")}),
+        (["--blood", "--jobs", "2", "--runs", "there"], blood, {"jobs": 2, "runs": folder.Path("there")}),
     ],
 )
 def test_the_kind_of_verification_is_chosen_by_its_option(capsys, monkeypatch, words, module, options):

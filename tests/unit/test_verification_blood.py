@@ -1,0 +1,335 @@
+"""Flow of blood: exact flows in plane, bent and oscillating channels, and what `ffsi verify --blood` makes of runs."""
+
+import math
+from dataclasses import dataclass, replace
+from types import SimpleNamespace
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.integrate import quad
+from time_folders import scene_in_time
+
+from ffsi import folder
+from ffsi.scene import CASES, load_scene
+from ffsi.scene.fluids import Carreau, Casson, Newtonian, PowerLaw
+from ffsi.verification import blood, periodic_runs
+from ffsi.verification.aneurysm_cases import ANEURYSM_CASES, level_changes
+from ffsi.verification.bent_channel import bent_flow
+from ffsi.verification.blood_tables import TABLES
+from ffsi.verification.far_from_dome import Lumen
+from ffsi.verification.measured import Column, Measured, MeasuredTable, Row, to_frame, worst
+from ffsi.verification.oscillating_channel import (
+    DENSITY,
+    HEIGHT,
+    PERIOD,
+    RATE,
+    SWING,
+    VISCOSITY,
+    oscillating_flow,
+)
+from ffsi.verification.periodic_runs import run_all
+from ffsi.verification.plane_blood import PLANE_CASES
+from ffsi.verification.plane_channel import plane_flow, shear_rate, stress
+
+NEWTONIAN = Newtonian(density=1035.0, viscosity=3.5e-3)
+CARREAU = Carreau(density=1035.0)
+FLUIDS = [
+    NEWTONIAN,
+    CARREAU,
+    PowerLaw(density=1035.0, consistency=0.0147, exponent=0.7755),
+    PowerLaw(density=1035.0, consistency=0.001, exponent=1.4),  # thickens
+    Casson(density=1035.0, yield_stress=0.005, viscosity_infinity=0.0035),
+]
+NAMES = ["newtonian", "carreau", "power-law", "thickening", "casson"]
+README = "before\n<!-- blood:begin -->\nold\n<!-- blood:end -->\nafter\n"
+
+
+# Exact flows ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("fluid", FLUIDS, ids=NAMES)
+def test_shear_rate_is_the_inverse_of_the_stress(fluid):
+    rates = np.array([-1000.0, -0.3, -1e-4, 0.0, 0.02, 5.0, 300.0])
+    np.testing.assert_allclose(shear_rate(fluid, stress(fluid, rates)), rates, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("gradient", "mean", "largest"),
+    [
+        (10.0, 6.3527417e-5, 9.4270969e-5),
+        (100.0, 0.0032008878, 0.0043290559),
+        (1000.0, 0.07601542, 0.1102402),
+    ],
+)
+def test_plane_flow_of_carreau_blood(gradient, mean, largest):
+    """Values of an integration along y."""
+    flow = plane_flow(CARREAU, gradient, 1e-3)
+    assert (flow.mean, flow.largest) == (pytest.approx(mean, rel=5e-8), pytest.approx(largest, rel=5e-8))
+    assert flow.wall_shear_stress == pytest.approx(1e-3 * gradient, rel=1e-14)
+
+
+@pytest.mark.parametrize("fluid", FLUIDS, ids=NAMES)
+def test_plane_flow_by_integration_along_y(fluid):
+    def rate(y):
+        return float(shear_rate(fluid, np.array([80.0 * y]))[0])
+
+    flow = plane_flow(fluid, 80.0, 1e-3)
+    core = [0.005 / 80.0]  # Casson's plug ends there
+    assert flow.largest == pytest.approx(
+        quad(rate, 0, 1e-3, points=core, epsabs=0, epsrel=1e-11, limit=500)[0], rel=1e-9
+    )
+    flux, _ = quad(lambda y: y * rate(y), 0, 1e-3, points=core, epsabs=0, epsrel=1e-11, limit=500)
+    assert flow.mean == pytest.approx(flux / 1e-3, rel=1e-9)
+
+
+def test_bent_newtonian_flow_is_the_closed_form():
+    """v = k (r ln r + c r + d/r), k = (dp/dtheta) / (2 mu)."""
+    inner, outer, rate = 6e-3, 8e-3, 6.67e-5
+    c, d = np.linalg.solve([[inner, 1 / inner], [outer, 1 / outer]], [-inner * np.log(inner), -outer * np.log(outer)])
+    k = rate / quad(lambda r: r * np.log(r) + c * r + d / r, inner, outer)[0]
+    flow = bent_flow(NEWTONIAN, inner, outer, rate)
+    assert flow.gradient == pytest.approx(-2 * 3.5e-3 * k, rel=1e-9)
+    exact = [abs(3.5e-3 * k * (1 - 2 * d / r**2)) for r in (inner, outer)]  # mu (dv/dr - v/r)
+    assert [flow.inner, flow.outer] == pytest.approx(exact, rel=1e-9)
+    r = flow.radius
+    np.testing.assert_allclose(flow.velocity, k * (r * np.log(r) + c * r + d / r), atol=5e-6 * flow.velocity.max())
+
+
+@pytest.mark.parametrize("fluid", FLUIDS, ids=NAMES)
+def test_a_hardly_bent_channel_is_a_plane_one(fluid):
+    plane = plane_flow(fluid, 100.0, 1e-3)
+    flow = bent_flow(fluid, 1e3 - 1e-3, 1e3 + 1e-3, 2e-3 * plane.mean)
+    assert flow.gradient / 1e3 == pytest.approx(100.0, rel=1e-6)
+    assert [flow.inner, flow.outer] == pytest.approx([0.1, 0.1], rel=2e-6)
+    assert flow.velocity.max() == pytest.approx(plane.largest, rel=1e-5)
+
+
+def test_bent_carreau_flow_keeps_the_momentum():
+    """r^2 tau of the velocities is P r^2/2 + C, a line in r^2, and the flow rate is the given one."""
+    flow = bent_flow(CARREAU, 6e-3, 8e-3, 6.67e-5)
+    r, v = flow.radius, flow.velocity
+    assert np.trapezoid(v, r) == pytest.approx(6.67e-5, rel=1e-5)
+    middle = (r[1:] + r[:-1]) / 2
+    moment = middle**2 * stress(CARREAU, middle * np.diff(v / r) / np.diff(r))
+    slope, constant = np.polyfit(middle**2, moment, 1)
+    assert -2 * slope == pytest.approx(flow.gradient, rel=1e-4)
+    assert np.abs(slope * middle**2 + constant - moment).max() < 1e-3 * np.abs(moment).max()
+    assert flow.inner > 1.1 * flow.outer
+
+
+def test_a_widening_slows_down_and_gives_pressure_back():
+    """To first order, in a plane channel: 54/35 rho U^2 h'/h less of -dp/dx, 6/35 rho U^2 h' less of tau."""
+    radius, h, mean, slope = 1e2, 2e-3, 0.03, 0.01  # slope: dh/dx
+    walls = radius - h / 2, radius + h / 2
+    flow = bent_flow(NEWTONIAN, *walls, mean * h, slope / h * radius)
+    without = bent_flow(NEWTONIAN, *walls, mean * h)
+    inertia = 1035.0 * mean**2 * slope
+    assert (without.gradient - flow.gradient) / radius == pytest.approx(54 / 35 * inertia / h, rel=1e-5)
+    assert without.inner - flow.inner == pytest.approx(6 / 35 * inertia, rel=1e-4)
+    assert without.outer - flow.outer == pytest.approx(6 / 35 * inertia, rel=1e-4)
+
+
+def test_no_flow_through_walls_in_the_wrong_order():
+    with pytest.raises(ValueError, match="between the radii"):
+        bent_flow(NEWTONIAN, 8e-3, 6e-3, 1e-5)
+    with pytest.raises(ValueError, match="no flow of -1"):
+        bent_flow(NEWTONIAN, 6e-3, 8e-3, -1.0)
+
+
+def test_the_oscillating_flow_keeps_the_momentum_and_has_the_flow_rate():
+    y, t, step = np.linspace(0, HEIGHT, 401), 0.37, 1e-5
+    (before, _), (velocity, gradient), (after, _) = (oscillating_flow(y, t + shift) for shift in (-step, 0, step))
+    assert np.abs(velocity[[0, -1]]).max() < 1e-14
+    assert np.trapezoid(velocity, y) == pytest.approx(RATE * (1 + SWING * math.sin(2 * math.pi * t / PERIOD)), rel=1e-4)
+    bent = np.gradient(np.gradient(velocity, y), y)[2:-2]
+    missed = DENSITY * (after - before)[2:-2] / (2 * step) - gradient - VISCOSITY * bent
+    assert np.abs(missed).max() < 1e-3 * abs(gradient)
+
+
+# The lumen ------------------------------------------------------------------------------------------------------------
+
+
+def test_lumen_of_walls_that_have_moved():
+    """The outer wall has moved by 0.2 mm/rad, and a pressure that is the angle is found at the deformed place."""
+    angle = np.radians(np.linspace(90, 180, 91))
+    ray = np.column_stack([np.cos(angle), np.sin(angle)])
+    rest = np.concatenate([6e-3 * ray, 8e-3 * ray])
+    moved = np.concatenate([np.zeros_like(ray), 2e-4 * angle[:, None] * ray])
+    numbers = np.arange(182)
+    shift = np.array([1e-4, -2e-4])
+
+    def sample(points):
+        x, y = (points + shift).T
+        return {"ux": np.full(len(x), shift[0]), "uy": np.full(len(x), shift[1]), "p": np.arctan2(y, x)}
+
+    state = SimpleNamespace(
+        wall=pd.DataFrame({"line": ["inner"] * 91 + ["dome"] * 91}),
+        points=SimpleNamespace(ends=np.column_stack([numbers, numbers])),
+        mesh=SimpleNamespace(p2_coordinates=rest),
+        state=SimpleNamespace(u=moved),
+        fields=SimpleNamespace(sample=sample),
+    )
+    lumen = Lumen(state, NEWTONIAN, 6e-5)  # type: ignore[arg-type]
+    assert lumen.radii(2.0) == pytest.approx((6e-3, 8.4e-3), rel=1e-9)
+    assert lumen.widening(2.0) == pytest.approx(2e-4 / 2.4e-3, rel=1e-3)
+    assert lumen.pressure(2.0) == pytest.approx(2.0, rel=1e-12)
+    assert lumen.flow(2.0, True).gradient < lumen.flow(2.0, False).gradient
+
+
+# Tables ---------------------------------------------------------------------------------------------------------------
+
+
+def test_what_misses_its_bound_is_marked():
+    error = Column("stress", "WSS", part="error", bound=0.03)
+    assert error.head == "WSS (< 3 %)"
+    size = Column("check", "check", form="{:.0e}", bound=1e-8)
+    assert size.head == "check (< 1e-08)"
+    positive = Column("tawss", "min", form="{:.1f}", least=0.0)
+    assert positive.head == "min (≥ 0)"
+
+    def cell(column, *number):
+        return column.cell(Row("g", "c", (), 1, {column.quantity: Measured(*number)}))
+
+    assert [cell(error, 1.02, 1.0), cell(error, -1.04, -1.0)] == ["+2.000 %", "-4.000 % !"]
+    assert [cell(size, -2e-8), cell(size, 9e-9), cell(size, math.nan)] == ["-2e-08 !", "9e-09", "nan !"]
+    assert [cell(positive, -0.1), cell(positive, 0.0)] == ["-0.1 !", "0.0"]
+    assert error.cell(Row("g", "c", (), 1)) == "–"
+    assert Column("seconds", "seconds").cell(Row("g", "c", (), 1, failure="crash")) == "failed (crash)"
+
+
+def test_the_worst_value_is_that_with_the_largest_relative_error():
+    assert worst(np.array([1.1, 9.5]), np.array([1.0, 10.0])) == Measured(1.1, 1.0)
+    assert math.isnan(worst(np.array([]), 1.0).error)
+
+
+def test_a_table_has_the_rows_of_its_group_that_have_its_quantities():
+    table = MeasuredTable("steady", "text", ("walls",), (Column("drop", "drop", form="{:g}"),), finest=True)
+    rows = [
+        Row("steady", "a-1", ("a",), 1, {"drop": Measured(1.0)}),
+        Row("steady", "a-2", ("a",), 2, {"drop": Measured(2.0)}),
+        Row("steady", "b-2", ("b",), 2, {"other": Measured(3.0)}), Row("steady", "c-2", ("c",), 2, failure="crash"),
+        Row("plane", "d", ("d",), 2, {"drop": Measured(4.0)}),
+    ]  # fmt: skip
+    assert table.of(rows).body == [["a", "1"], ["a", "2"], ["c", "–"]]
+    assert table.of(rows, short=True).body == [["a", "2"], ["c", "–"]]
+
+
+def test_changes_from_level_to_level():
+    def row(level, wss, failure=""):
+        return Row("steady", f"x-level-{level}", ("x", str(level)), level, {"wss_mean_dome": Measured(wss)}, failure)
+
+    (changes,) = level_changes([row(1, 0.8), row(2, 1.0), row(3, 1.02)])
+    assert (changes.group, changes.case, changes.labels, changes.level) == ("levels", "x", ("x",), 3)
+    assert {name: number.value for name, number in changes.numbers.items()} == {
+        "wss_mean_dome_2": pytest.approx(0.2), "wss_mean_dome_3": pytest.approx(0.02 / 1.02),
+    }  # fmt: skip
+    levels = next(table for table in TABLES if table.group == "levels")
+    (cells,) = levels.of([changes]).body
+    assert [cell for cell in cells if "!" in cell] == ["+1.961 % !"]
+    (gap,) = level_changes([row(1, 0.8), row(2, 1.0, "crash"), row(3, 1.02)])
+    assert gap.numbers == {}
+
+
+def test_the_frame_has_the_bound_of_each_quantity():
+    numbers = {"gradient": Measured(101.0, 100.0), "mean": Measured(0.1)}
+    frame = to_frame(
+        [Row("plane", "p", ("p", "100"), 0, numbers), Row("plane", "q", ("q", "1"), 0, {}, "crash")], TABLES
+    )
+    first, second, third = frame.to_dict("records")
+    assert (first["quantity"], first["error"], first["bound"]) == ("gradient", pytest.approx(0.01), 1e-4)
+    assert math.isnan(second["reference"]) and math.isnan(second["bound"])
+    assert (third["case"], third["failure"]) == ("q", "crash")
+
+
+# Runs -----------------------------------------------------------------------------------------------------------------
+
+
+def test_what_runs():
+    assert len({case.folder for case in blood.CASES}) == len(blood.CASES) == 6 + 2 + 12 + 5
+    assert {table.group for table in TABLES} == {case.group for case in blood.CASES} | {"levels"}
+    carreau = [case for case in PLANE_CASES if case.name == "Carreau"]
+    assert [case.scene.inflow.mean_velocity for case in carreau] == pytest.approx(
+        [6.3527417e-5, 0.0032008878, 0.07601542], rel=1e-7
+    )
+    steady = [case for case in ANEURYSM_CASES if case.group == "steady"]
+    assert {(case.labels[0], case.level) for case in steady} == {
+        (f"{walls}, {law}", level)
+        for walls in ("elastic", "rigid")
+        for law in ("Newtonian", "Carreau")
+        for level in (1, 2, 3)
+    }
+    pulsatile = [case for case in ANEURYSM_CASES if case.group == "pulsatile"]
+    assert sorted(case.level for case in pulsatile) == [1, 2, 2, 2, 2]
+    assert all(case.scene.time.end == CASES["aneurysm-pulsatile"].time.end for case in pulsatile)
+
+
+@pytest.fixture
+def steady_freefem(freefem, monkeypatch):
+    monkeypatch.setattr(periodic_runs, "find_freefem", lambda: SimpleNamespace(has_mumps=True))
+    monkeypatch.setattr(periodic_runs, "render", lambda scene, mumps: f"// {scene.name}, MUMPS {mumps}\n")
+    return freefem
+
+
+def test_steady_runs_are_done_once_and_one_that_died_starts_again(tmp_path, steady_freefem, check, capsys):
+    scenes = {"one": load_scene("flap-svk", ["mesh.level=0", "output.pictures=false", "output.vtu=false"])}
+    velocity = scenes["one"].inflow.mean_velocity
+    steady_freefem.die = velocity
+    assert run_all(scenes, tmp_path)[0].failure == "crash"
+    steady_freefem.die = None
+    (first,), (second,) = run_all(scenes, tmp_path), run_all(scenes, tmp_path)
+    assert steady_freefem.solved == [velocity]
+    assert first.seconds == second.seconds == first.data["timings"]["script"]
+    assert "one: finished before" in capsys.readouterr().err
+
+
+@dataclass(frozen=True)
+class Stand:
+    """A case in time of which is measured how far it came."""
+
+    end: float = 2.0
+    folder: str = "stand"
+    group: str = "pulsatile"
+    labels: tuple[str, ...] = ("elastic, Newtonian", "2")
+    level: int = 2
+
+    @property
+    def scene(self):
+        return scene_in_time(f"time.end={self.end}")
+
+    def measure(self, result):
+        return {"tawss_mean_dome": Measured(result.data["time"]["reached"])}
+
+
+def test_everything_is_written_and_a_second_call_goes_on(tmp_path, in_time, check, capsys):
+    readme = tmp_path / "README.md"
+    readme.write_text(README)
+    given = {"out": tmp_path / "results", "runs": tmp_path / "runs", "cases": [Stand()], "readme": readme}
+    assert blood.main(**given) == [""]
+    frame = pd.read_csv(tmp_path / "results/blood.csv").set_index("quantity")
+    assert frame.loc["tawss_mean_dome", "value"] == pytest.approx(2.0)
+    assert (frame.loc["seconds", "bound"], frame.loc["check", "bound"]) == (900, 1e-8)
+    text = readme.read_text()
+    assert text.startswith("before\n") and text.endswith("after\n") and "old" not in text
+    assert "| TAWSS mean Pa | min Pa (≥ 0) |" in text
+    assert "Written by `ffsi verify --blood` (FreeFEM 4.9 with MUMPS, one thread;" in text
+    assert "[blood.md](results/blood.md)" in text
+    assert "| elastic, Newtonian | 2 |" in (tmp_path / "results/blood.md").read_text()
+    assert "TAWSS mean Pa" in capsys.readouterr().out
+    assert blood.main(**given) == [""]
+    assert in_time.first_steps == [1]
+    assert readme.read_text() == text
+
+
+def test_a_failed_run_is_reported_and_leaves_the_readme_alone(tmp_path, in_time, check, capsys):
+    readme = tmp_path / "README.md"
+    readme.write_text(README)
+    in_time.fail = 20
+    cases = [Stand(), replace(Stand(end=0.5), folder="short")]
+    assert blood.main(out=tmp_path, runs=tmp_path / "runs", cases=cases, readme=readme) == ["not-converged", ""]
+    assert readme.read_text() == README
+    assert "stays as it is" in capsys.readouterr().err
+    assert "failed (not-converged)" in (tmp_path / "blood.md").read_text()
+    frame = pd.read_csv(tmp_path / "blood.csv", keep_default_na=False)
+    assert set(frame.loc[frame["case"] == "stand", "failure"]) == {"not-converged"}
+    assert folder.is_run_folder(tmp_path / "runs/short")
