@@ -131,7 +131,7 @@ class MeasuredTable:
         if short and self.finest:
             own = [row for row in own if row.level == max(row.level for row in own)]
         head = [*self.labels, *(column.head for column in self.columns)]
-        table = TextTable(head, left=len(self.labels), title=self.text)
+        table = TextTable(head, title=self.text)
         for row in own:
             table.add(*row.labels, *(column.cell(row) for column in self.columns))
         return table
