@@ -114,7 +114,7 @@ TABLES = (
             Column("seconds_per_step", "per step", form="{:.3f}"),
             Column("tawss_mean_dome", "TAWSS mean Pa", form="{:.5f}"),
             Column("tawss_min_dome", "min Pa", form="{:.5f}", least=0.0),
-            Column("osi_max_dome", "OSI max", form="{:.4f}"),
+            Column("osi_max_dome", "OSI max", form="{:.0e}"),
             Column("tawss_change", "change", form="{:.0e}", bound=CHANGE),
             _CHECK,
         ),
