@@ -16,17 +16,20 @@ class AneurysmVariant:
         pulsatile: whether the flow is.
         elastic: whether the walls are, else rigid.
         carreau: whether blood is a Carreau fluid, else Newtonian.
+        held: whether the elastic walls of a steady flow have the support that those of the pulsatile one have.
     """
 
     name: str
     pulsatile: bool
     elastic: bool
     carreau: bool
+    held: bool = False
 
     @property
     def label(self) -> str:
         """Name in legends and tables."""
-        return f"{'elastic' if self.elastic else 'rigid'}, {'Carreau' if self.carreau else 'Newtonian'}"
+        walls = "elastic" + (", held" if self.held else "") if self.elastic else "rigid"
+        return f"{walls}, {'Carreau' if self.carreau else 'Newtonian'}"
 
     def scene(self, level: int) -> Scene:
         """Return the scene on a mesh level, without the pictures of a run."""
@@ -36,6 +39,8 @@ class AneurysmVariant:
         table["output"] |= {"pictures": False, "vtu": False}
         if self.carreau:
             table["fluid"] = CASES["aneurysm-carreau"].model_dump()["fluid"]
+        if self.held:
+            table["support"] = CASES["aneurysm-pulsatile"].model_dump()["support"]
         if self.pulsatile:
             # Twenty states per cycle: one of them is near the systole.
             table["time"]["output_interval"] = table["inflow"]["period"] / 20
@@ -59,3 +64,4 @@ VARIANTS = tuple(
     for elastic in (True, False)
     for carreau in (False, True)
 )
+HELD = AneurysmVariant("steady-elastic-held", pulsatile=False, elastic=True, carreau=False, held=True)

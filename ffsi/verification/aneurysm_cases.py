@@ -9,13 +9,14 @@ from dataclasses import dataclass
 
 from ffsi.result import Result
 from ffsi.scene import Aneurysm, Scene
-from ffsi.verification.aneurysm import VARIANTS, AneurysmVariant
+from ffsi.verification.aneurysm import HELD, VARIANTS, AneurysmVariant
 from ffsi.verification.bent_channel import bent_flow
 from ffsi.verification.far_from_dome import far_flow
 from ffsi.verification.measured import Measured, Row
 
 CHANGES = ("wss_mean_dome", "effective_stress_max")
 STEADY_LEVELS = (1, 2, 3)
+STEADY_VARIANTS = (*(variant for variant in VARIANTS if not variant.pulsatile), HELD)
 
 
 @dataclass(frozen=True)
@@ -87,7 +88,7 @@ def level_changes(rows: Sequence[Row]) -> list[Row]:
 
 
 ANEURYSM_CASES = (
-    *(AneurysmCase(variant, level) for variant in VARIANTS if not variant.pulsatile for level in STEADY_LEVELS),
+    *(AneurysmCase(variant, level) for variant in STEADY_VARIANTS for level in STEADY_LEVELS),
     *(
         AneurysmCase(variant, level)
         for variant in VARIANTS

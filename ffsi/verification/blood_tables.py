@@ -59,7 +59,8 @@ TABLES = (
     MeasuredTable(
         "steady",
         "Aneurysm, steady: pressure drop from inlet to outlet, beside that of the bent vessel at rest without a dome; "
-        "mean WSS on the dome; largest effective stress away from corners and clamped faces.",
+        "mean WSS on the dome; largest effective stress away from corners and clamped faces. *Held*: by the support "
+        "that the walls have in the pulsatile flow.",
         ("walls, blood", "level"),
         (
             _UNKNOWNS,

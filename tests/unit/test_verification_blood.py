@@ -245,8 +245,11 @@ def test_the_frame_has_the_bound_of_each_quantity():
 # Runs -----------------------------------------------------------------------------------------------------------------
 
 
+LAWS = ("Newtonian", "Carreau")
+
+
 def test_what_runs():
-    assert len({case.folder for case in blood.CASES}) == len(blood.CASES) == 6 + 2 + 12 + 5
+    assert len({case.folder for case in blood.CASES}) == len(blood.CASES) == 6 + 2 + 15 + 5
     assert {table.group for table in TABLES} == {case.group for case in blood.CASES} | {"levels"}
     carreau = [case for case in PLANE_CASES if case.name == "Carreau"]
     assert [case.scene.inflow.mean_velocity for case in carreau] == pytest.approx(
@@ -255,8 +258,8 @@ def test_what_runs():
     steady = [case for case in ANEURYSM_CASES if case.group == "steady"]
     assert {(case.labels[0], case.level) for case in steady} == {
         (f"{walls}, {law}", level)
-        for walls in ("elastic", "rigid")
-        for law in ("Newtonian", "Carreau")
+        for walls, laws in {"elastic": LAWS, "rigid": LAWS, "elastic, held": LAWS[:1]}.items()
+        for law in laws
         for level in (1, 2, 3)
     }
     pulsatile = [case for case in ANEURYSM_CASES if case.group == "pulsatile"]

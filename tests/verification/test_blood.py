@@ -75,8 +75,8 @@ def test_oscillating_flow_on_two_meshes():
 
 @pytest.mark.parametrize("case", STEADY, ids=lambda case: case.folder)
 def test_far_from_the_dome(case):
-    """Elastic walls widen the lumen towards the dome: there the inertia of the blood belongs to the flow."""
-    ending = "_slowed" if case.variant.elastic else ""
+    """Elastic walls without support widen the lumen towards the dome: there the blood's inertia belongs to the flow."""
+    ending = "_slowed" if case.variant.elastic and not case.variant.held else ""
     for place in PLACES:
         for what in ("pressure", "inner", "outer"):
             assert error(case.folder, f"{place}_{what}{ending}") < FAR
