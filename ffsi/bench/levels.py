@@ -23,14 +23,14 @@ from ffsi.verification import (
     ReferenceSet,
     TextTable,
     command_line,
-    link,
+    links,
     measure,
     number,
     origin,
     percent,
     prepare,
+    publish,
     reference_sets,
-    update_readme,
 )
 
 BOUNDS = (
@@ -173,16 +173,10 @@ def main(
         _write(out, rows, case)
     every = [run for group in runs for run in group]
     failures = [run.failure for run in every]
-    if readme is not None and any(failures):
-        show.error(f"{readme} stays as it is, because a run failed")
-    elif readme is not None:
-        options = (f" --case {case}" if case != "turek-fsi1" else "") + (f" --repeat {repeat}" if repeat > 1 else "")
-        written = origin(command_line("bench", None if list(levels) == [0, 1, 2, 3, 4] else levels) + options, every)
-        picture = (
-            f" Error over seconds: [{_stem(case)}.png]({link(out / f'{_stem(case)}.png', readme)})." if out else ""
-        )
-        update_readme(readme, "bench", f"{tables[-1].markdown()}\n\n{written} {BOUNDS}{picture}")
-        show.note(f"wrote the block bench of {readme}")
+    options = (f" --case {case}" if case != "turek-fsi1" else "") + (f" --repeat {repeat}" if repeat > 1 else "")
+    written = origin(command_line("bench", None if list(levels) == [0, 1, 2, 3, 4] else levels) + options, every)
+    picture = links("Error over seconds", [f"{_stem(case)}.png"], out, readme)
+    publish(readme, failures, {"bench": f"{tables[-1].markdown()}\n\n{written} {BOUNDS}{picture}"})
     return failures
 
 

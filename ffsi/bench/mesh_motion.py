@@ -16,7 +16,7 @@ from ffsi.report.curves import FAILURE, LABELS, LINES
 from ffsi.report.figures import FAINT, INK, to_small_png
 from ffsi.run import OnEvent, run_chain
 from ffsi.scene import load_scene
-from ffsi.verification import NOTHING, Measurement, TextTable, link, number, origin, prepare, update_readme
+from ffsi.verification import NOTHING, Measurement, TextTable, links, number, origin, prepare, publish
 
 BLOCK = "mesh-motion"
 CSV, MARKDOWN, PICTURE = "mesh-motion.csv", "mesh-motion.md", "mesh-motion.png"
@@ -324,15 +324,9 @@ def main(*, level: int = LEVEL, out: Path | None = None, readme: Path | None = N
         (out / PICTURE).write_bytes(to_small_png(draw(tracks)))
         show.note(f"wrote {out / CSV}, {out / MARKDOWN} and {out / PICTURE}")
     failures = _failures(tracks)
-    if readme is not None and any(failures):
-        show.error(f"{readme} stays as it is, because a run failed")
-    elif readme is not None:
-        names = (MARKDOWN, PICTURE)
-        files = f" More: {', '.join(f'[{n}]({link(out / n, readme)})' for n in names)}." if out else ""
-        update_readme(
-            readme, BLOCK, "\n\n".join([EXPLANATION, table(tracks, reasons=True).markdown(), written + files])
-        )
-        show.note(f"wrote the block {BLOCK} of {readme}")
+    files = links("More", (MARKDOWN, PICTURE), out, readme)
+    parts = [EXPLANATION, table(tracks, reasons=True).markdown(), written + files]
+    publish(readme, failures, {BLOCK: "\n\n".join(parts)})
     return failures
 
 

@@ -13,7 +13,7 @@ from ffsi import folder, show
 from ffsi.bench.costs import COARSER, RATIOS, SOLVER, WORDS, cost_row, marked, run
 from ffsi.folder import InputError
 from ffsi.scene import STEADY_CASES
-from ffsi.verification import Measurement, TextTable, link, number, origin, prepare, update_readme
+from ffsi.verification import Measurement, TextTable, links, number, origin, prepare, publish
 
 BLOCK = "bench-scenes"
 SCENES_CSV = "bench-scenes.csv"
@@ -168,16 +168,11 @@ def main(*, repeat: int = 1, out: Path | None = None, readme: Path | None = None
     every = [item for group in groups for item in group]
     every += [item for repetitions in compared.values() for runs in repetitions for item in runs]
     failures = [item.failure for item in every]
-    if readme is not None and any(failures):
-        show.error(f"{readme} stays as it is, because a run failed")
-    elif readme is not None:
-        written = origin("ffsi bench --scenes" + (f" --repeat {repeat}" if repeat > 1 else ""), every)
-        names = (SCENES_CSV, FORMULATIONS_CSV)
-        files = f" Every phase: {', '.join(f'[{name}]({link(out / name, readme)})' for name in names)}." if out else ""
-        parts = [SCENES_TEXT, scene_table(scenes, reasons=True).markdown()]
-        parts += [FORMULATIONS_TEXT, formulation_table(forms).markdown(), written + files]
-        update_readme(readme, BLOCK, "\n\n".join(parts))
-        show.note(f"wrote the block {BLOCK} of {readme}")
+    written = origin("ffsi bench --scenes" + (f" --repeat {repeat}" if repeat > 1 else ""), every)
+    files = links("Every phase", (SCENES_CSV, FORMULATIONS_CSV), out, readme)
+    parts = [SCENES_TEXT, scene_table(scenes, reasons=True).markdown()]
+    parts += [FORMULATIONS_TEXT, formulation_table(forms).markdown(), written + files]
+    publish(readme, failures, {BLOCK: "\n\n".join(parts)})
     return failures
 
 

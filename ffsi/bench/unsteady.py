@@ -25,7 +25,7 @@ from ffsi.result import load_result
 from ffsi.run import resume
 from ffsi.scene import Scene, load_scene
 from ffsi.timesteps import Checkpoint, newest_checkpoint, read_history
-from ffsi.verification import TextTable, link, number, origin, prepare, update_readme
+from ffsi.verification import TextTable, links, number, origin, prepare, publish
 from ffsi.verification.periodic_cases import PLAIN
 from ffsi.verification.periodic_runs import TimeRun, run_one
 
@@ -295,14 +295,8 @@ def main(
             folder.write_text(out / name, pd.DataFrame(content).to_csv(index=False, float_format="%.8g"))
         show.note(f"wrote {out / CSV} and {out / STEPS_CSV}")
     failures = [item.failure for item in done]
-    if readme is not None and any(failures):
-        show.error(f"{readme} stays as it is, because a run failed")
-    elif readme is not None:
-        written = origin("ffsi bench --unsteady" + (f" --repeat {repeat}" if repeat > 1 else ""), done)
-        files = (
-            f" More: {', '.join(f'[{name}]({link(out / name, readme)})' for name in (CSV, STEPS_CSV))}." if out else ""
-        )
-        parts = [EXPLANATION, tables[0].markdown(), time_steps.EXPLANATION, tables[1].markdown(), written + files]
-        update_readme(readme, BLOCK, "\n\n".join(parts))
-        show.note(f"wrote the block {BLOCK} of {readme}")
+    written = origin("ffsi bench --unsteady" + (f" --repeat {repeat}" if repeat > 1 else ""), done)
+    files = links("More", (CSV, STEPS_CSV), out, readme)
+    parts = [EXPLANATION, tables[0].markdown(), time_steps.EXPLANATION, tables[1].markdown(), written + files]
+    publish(readme, failures, {BLOCK: "\n\n".join(parts)})
     return failures

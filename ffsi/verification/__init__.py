@@ -4,12 +4,12 @@ from ffsi.verification.benchmarks import CAVITY, FINEST, cavity_table, error_tab
 from ffsi.verification.command import SECTIONS, main, to_frame
 from ffsi.verification.outputs import (
     command_line,
-    link,
+    links,
     origin,
     prepare,
     processor,
+    publish,
     replace_block,
-    update_readme,
 )
 from ffsi.verification.runs import Measurement, Variant, measure
 from ffsi.verification.sources import COLUMNS, ReferenceSet, reference_sets
@@ -28,7 +28,7 @@ __all__ = [
     "cavity_table",
     "command_line",
     "error_table",
-    "link",
+    "links",
     "main",
     "measure",
     "number",
@@ -36,9 +36,9 @@ __all__ = [
     "percent",
     "prepare",
     "processor",
+    "publish",
     "reference_sets",
     "replace_block",
     "short",
     "to_frame",
-    "update_readme",
 ]

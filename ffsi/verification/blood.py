@@ -13,7 +13,7 @@ from ffsi.verification.aneurysm_cases import ANEURYSM_CASES, level_changes
 from ffsi.verification.blood_tables import EXPLANATION, TABLES
 from ffsi.verification.measured import SECONDS, Measured, Row, to_frame
 from ffsi.verification.oscillating_channel import OSCILLATING_CASES
-from ffsi.verification.outputs import link, origin, prepare, update_readme
+from ffsi.verification.outputs import links, origin, prepare, publish
 from ffsi.verification.periodic_runs import TimeRun, run_all
 from ffsi.verification.plane_blood import PLANE_CASES
 from ffsi.verification.section import markdown
@@ -90,12 +90,8 @@ def main(
         folder.write_text(out / MARKDOWN, document(rows, written))
         show.note(f"wrote {out / CSV} and {out / MARKDOWN}")
     failures = [run.failure for run in done]
-    if readme is not None and any(failures):
-        show.error(f"{readme} stays as it is, because a run failed")
-    elif readme is not None:
-        more = f" All meshes: [{MARKDOWN}]({link(out / MARKDOWN, readme)})." if out else ""
-        update_readme(readme, BLOCK, f"{tables(rows, short=True)}\n\n{written} {EXPLANATION}{more}")
-        show.note(f"wrote the block {BLOCK} of {readme}")
+    more = links("All meshes", [MARKDOWN], out, readme)
+    publish(readme, failures, {BLOCK: f"{tables(rows, short=True)}\n\n{written} {EXPLANATION}{more}"})
     return failures
 
 

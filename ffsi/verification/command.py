@@ -13,7 +13,7 @@ from ffsi.verification.benchmarks import BENCHMARKS
 from ffsi.verification.cook import COOK
 from ffsi.verification.elastica import ELASTICA
 from ffsi.verification.flaps import FLAPS
-from ffsi.verification.outputs import command_line, has_block, link, origin, prepare, update_readme
+from ffsi.verification.outputs import command_line, has_block, links, origin, prepare, publish
 from ffsi.verification.runs import Measurement
 from ffsi.verification.section import Section, markdown
 from ffsi.verification.sources import COLUMNS
@@ -62,11 +62,8 @@ def main(
         folder.write_text(out / MARKDOWN, document(done, written))
         show.note(f"wrote {out / CSV} and {out / MARKDOWN}")
     failures = [run.failure for run in runs]
-    if readme is not None and any(failures):
-        show.error(f"{readme} stays as it is, because a run failed")
-    elif readme is not None:
-        where = link(out / MARKDOWN, readme) if out else ""
-        _update(readme, [pair for pair in done if pair[0] in shown], written, where)
+    said = f"{written} {EXPLANATION}{links('All levels', [MARKDOWN], out, readme)}"
+    publish(readme, failures, brief([pair for pair in done if pair[0] in shown], said))
     return failures
 
 
@@ -80,15 +77,13 @@ def _run(section: Section, levels: Sequence[int] | None) -> list[Measurement]:
     return runs
 
 
-def _update(readme: Path, done: Runs, written: str, full: str) -> None:
-    """Replace the README's blocks; the first one says who wrote them."""
-    where = f" All levels: [{MARKDOWN}]({full})." if full else ""
-    said = [f"{written} {EXPLANATION}{where}"]
+def brief(done: Runs, said: str) -> dict[str, str]:
+    """Return the contents of the README's blocks; behind its table the first one says who wrote them."""
+    blocks: dict[str, str] = {}
     for section, runs in done:
         table, *rest = section.brief(runs)
-        update_readme(readme, section.block, markdown([table, *said, *rest]))
-        said = []
-    show.note(f"wrote the blocks {', '.join(section.block for section, _ in done)} of {readme}")
+        blocks[section.block] = markdown([table, *([] if blocks else [said]), *rest])
+    return blocks
 
 
 def document(done: Runs, written: str) -> str:

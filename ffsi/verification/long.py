@@ -19,7 +19,7 @@ from ffsi.metrics import Oscillation, blocks
 from ffsi.report.curves import time_history
 from ffsi.report.figures import to_small_png
 from ffsi.scene import CASES, Scene, load_scene
-from ffsi.verification.outputs import link, origin, prepare, update_readme
+from ffsi.verification.outputs import links, origin, prepare, publish
 from ffsi.verification.periodic import RUNS
 from ffsi.verification.periodic_cases import PLAIN
 from ffsi.verification.periodic_output import COSTS_TEXT, cost_cells, cost_head, marked
@@ -196,13 +196,8 @@ def main(
     if out is not None:
         _write(out, found, written)
     failures = [run.failure for run in done]
-    if readme is not None and any(failures):
-        show.error(f"{readme} stays as it is, because a run failed")
-    elif readme is not None:
-        names = [MARKDOWN, *(case.picture for case in cases)]
-        files = f" More: {', '.join(f'[{name}]({link(out / name, readme)})' for name in names)}." if out else ""
-        update_readme(readme, BLOCK, "\n\n".join([summary_table(found).markdown(), f"{written} {EXPLANATION}{files}"]))
-        show.note(f"wrote the block {BLOCK} of {readme}")
+    files = links("More", [MARKDOWN, *(case.picture for case in cases)], out, readme)
+    publish(readme, failures, {BLOCK: f"{summary_table(found).markdown()}\n\n{written} {EXPLANATION}{files}"})
     return failures
 
 

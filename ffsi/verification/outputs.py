@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
-from ffsi import folder
+from ffsi import folder, show
 from ffsi.folder import InputError
 
 
@@ -53,13 +53,32 @@ def prepare(out: Path | None, readme: Path | None, block: str) -> None:
         out.mkdir(parents=True, exist_ok=True)
 
 
-def update_readme(readme: Path, block: str, content: str) -> None:
-    """Write `content` between the markers of `block`.
+def publish(readme: Path | None, failures: Iterable[str], blocks: Mapping[str, str]) -> None:
+    """Write each content between the markers of its block, unless a run failed, and say so.
+
+    Args:
+        readme: the file; None: nothing is written.
+        failures: of all runs, as `Result.failure`.
+        blocks: contents by the names of their blocks.
 
     Raises:
         InputError: as `prepare`.
     """
-    folder.write_text(readme, _replaced(readme, block, content))
+    if readme is None:
+        return
+    if any(failures):
+        show.error(f"{readme} stays as it is, because a run failed")
+        return
+    for block, content in blocks.items():
+        folder.write_text(readme, _replaced(readme, block, content))
+    show.note(f"wrote the block{'s' if len(blocks) > 1 else ''} {', '.join(blocks)} of {readme}")
+
+
+def links(text: str, names: Sequence[str], out: Path | None, readme: Path | None) -> str:
+    """Return ` TEXT: [name](path), ....` with the paths of files in `out` as seen from `readme`; "" without `out`."""
+    if out is None or readme is None:
+        return ""
+    return f" {text}: {', '.join(f'[{name}]({link(out / name, readme)})' for name in names)}."
 
 
 def _replaced(readme: Path, block: str, content: str) -> str:

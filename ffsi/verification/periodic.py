@@ -7,7 +7,7 @@ from pathlib import Path
 
 from ffsi import folder, show
 from ffsi.report.figures import to_small_png
-from ffsi.verification.outputs import link, origin, prepare, update_readme
+from ffsi.verification.outputs import links, origin, prepare, publish
 from ffsi.verification.periodic_cases import LARGEST, PERIODIC_CASES, PeriodicCase
 from ffsi.verification.periodic_output import COSTS_TEXT, Outcome, case_table, draw, to_frame
 from ffsi.verification.periodic_runs import run_all
@@ -63,12 +63,8 @@ def main(
         (out / PICTURE).write_bytes(to_small_png(draw(groups)))
         show.note(f"wrote {out / CSV}, {out / MARKDOWN} and {out / PICTURE}")
     failures = [run.failure for run in done]
-    if readme is not None and any(failures):
-        show.error(f"{readme} stays as it is, because a run failed")
-    elif readme is not None:
-        more = f" Last periods, and errors over seconds: [{PICTURE}]({link(out / PICTURE, readme)})." if out else ""
-        update_readme(readme, BLOCK, "\n\n".join([tables(groups), f"{written} {EXPLANATION}{more}"]))
-        show.note(f"wrote the block {BLOCK} of {readme}")
+    more = links("Last periods, and errors over seconds", [PICTURE], out, readme)
+    publish(readme, failures, {BLOCK: f"{tables(groups)}\n\n{written} {EXPLANATION}{more}"})
     return failures
 
 
