@@ -230,20 +230,24 @@ def _worst(found: Sequence[_Findings], name: str) -> _Findings:
 
 def _dirichlet(system: System, state: RawState) -> float:
     """Largest deviation from the prescribed u, v, p, ps, each relative to its own scale."""
-    rows = system.rows
+    rows, increment = system.rows, system.increment
+    old = increment.old if increment is not None else state
     return max(
-        _deviation(state.u, rows.prescribed.u, rows.u_given),
-        _deviation(state.v, rows.prescribed.v, rows.v_given),
-        _deviation(state.p, rows.prescribed.p, rows.p_given),
-        _deviation(state.ps, rows.prescribed.ps, rows.ps_given),
+        _deviation(state.u, rows.prescribed.u, rows.u_given, old.u),
+        _deviation(state.v, rows.prescribed.v, rows.v_given, old.v),
+        _deviation(state.p, rows.prescribed.p, rows.p_given, old.p),
+        _deviation(state.ps, rows.prescribed.ps, rows.ps_given, old.ps),
     )
 
 
-def _deviation(values: Floats, prescribed: Floats, given: Mask) -> float:
-    """Largest deviation over the first that is not zero of: the largest prescribed value, the largest value, one."""
+def _deviation(values: Floats, prescribed: Floats, given: Mask, old: Floats) -> float:
+    """Largest deviation over the largest value: prescribed, of the field, or of the field before the step; or one.
+
+    Not over the prescribed values alone: an inflow that passes through zero leaves rounding there.
+    """
     if not given.any():
         return 0.0
-    scale = float(np.abs(prescribed[given]).max()) or float(np.abs(values).max()) or 1.0
+    scale = max(float(np.abs(field).max(initial=0.0)) for field in (prescribed[given], values, old)) or 1.0
     return float(np.abs(values - prescribed)[given].max()) / scale
 
 

@@ -18,6 +18,8 @@ from ffsi.scene import Scene, boundaries
 _SAME = 1e-9
 # A step that would leave less than this part of it before an output or the end goes to there at once.
 _SLIVER = 1e-3
+# A waveform that is smaller than this at the start is at rest: a Fourier series meets zero up to rounding only.
+_REST = 1e-12
 # Number of the first steps that damp a jump.
 _DAMPED_STEPS = 2
 
@@ -147,7 +149,7 @@ def _jumps(scene: Scene) -> bool:
     if scene.inflow is None:
         return False
     waves = _series(scene)
-    return _ramp(scene)(0.0) * (waves or _formula(scene))(0.0) != 0.0
+    return abs(_ramp(scene)(0.0) * (waves or _formula(scene))(0.0)) > _REST
 
 
 def _series(scene: Scene) -> Series | None:

@@ -22,7 +22,7 @@ class Viscosity(ABC):
     @property
     @abstractmethod
     def outlet(self) -> float:
-        """The constant viscosity, Pa s, of the do-nothing outlet and of Womersley's profile."""
+        """The constant viscosity, Pa s, of the do-nothing outlet and of Womersley's profile: the law's smallest."""
 
 
 @dataclass(frozen=True)
@@ -78,8 +78,8 @@ class PowerLaw(Viscosity):
 
     @property
     def outlet(self) -> float:
-        """That at a shear rate of 1/s."""
-        return float(self.at(np.array(1.0)))
+        """The smallest one: none at large shear rates of a shear-thinning fluid, else that at rest."""
+        return 0.0 if self.exponent < 1.0 else float(self.at(np.array(0.0)))
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,8 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from ffsi.scene.base import Table, refuse
 from ffsi.scene.errors import Problem, SceneError, join, names, nearest, short
-from ffsi.scene.flow import Forces, Inflow, velocity_problems, with_mean_velocity
-from ffsi.scene.fluids import Fluid
+from ffsi.scene.flow import WOMERSLEY, Forces, Inflow, velocity_problems, with_mean_velocity
+from ffsi.scene.fluids import Fluid, PowerLaw
 from ffsi.scene.geometry import (
     ChannelGeometry,
     ElementSizes,
@@ -193,6 +193,9 @@ class Scene(Table):
         if self.inflow is None or not isinstance(self.geometry, ChannelGeometry):
             return
         height = self.geometry.inlet.height
+        if self.inflow.profile == WOMERSLEY and isinstance(self.fluid, PowerLaw):
+            text = f'not accepted with fluid.law = "{self.fluid.law}", which has no viscosity at large shear rates'
+            yield Problem("inflow.profile", text, short(self.inflow.profile))
         y = np.linspace(0.0, height, 201)
         bad = y[~np.isfinite(self.inflow.expression.evaluate(y=y, H=height))]
         if bad.size:

@@ -7,7 +7,7 @@ from conftest import PLAIN
 
 from ffsi.result import Result
 from ffsi.run import solve
-from ffsi.scene import load_scene
+from ffsi.scene import Scene, load_scene
 
 SWING = ["mesh.level=0", "time.end=0.4", "time.stop=end"]
 
@@ -69,3 +69,28 @@ def test_no_sliver_is_left_before_the_end(tmp_path):
     lengths = run.history["step"].to_numpy()
     assert len(lengths) == 20
     assert step * 1.0001 < lengths.max() == lengths[-1] < step * 1.001
+
+
+def test_no_sliver_is_left_between_an_output_and_the_end(tmp_path):
+    run = swing(tmp_path, "run", "time={step=0.01, end=0.1000001, output_interval=0.1}", "time.stop=end")
+    assert run.converged, run.reason
+    assert len(run.history) == 10
+    assert run.history["time"].iloc[-1] == run.scene.time.end
+
+
+@pytest.mark.parametrize("waveform", ["sin(2 * pi * t / 0.2)", "sin(pi * t / 0.2)^2"])
+def test_an_inflow_that_passes_through_zero_is_checked(tmp_path, waveform):
+    """What is prescribed then is rounding, and no measure of a deviation."""
+    scene = Scene.model_validate({
+        "name": "to-and-fro",
+        "geometry": {"kind": "channel", "length": 8e-3, "height": 2e-3},
+        "mesh": {"level": 0},
+        "fluid": {"density": 1060.0, "viscosity": 3.5e-3},
+        "inflow": {"mean_velocity": 0.02, "waveform": waveform},
+        "outlet": {"kind": "do-nothing"},
+        "time": {"step": 0.01, "end": 0.2, "output_interval": 0.1},
+        "output": {"pictures": False, "vtu": False},
+    })  # fmt: skip
+    run = solve(scene, tmp_path / "run")
+    assert run.converged, run.reason
+    assert abs(run.scene.inflow.factor(np.array([0.2]))[0]) < 1e-15

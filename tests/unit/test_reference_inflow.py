@@ -74,7 +74,6 @@ def test_series_of_a_scene_reaches_the_problem():
     [
         ({}, 1.0),
         ({"fluid__law": "carreau", "fluid__viscosity_infinity": 0.7}, 0.7),
-        ({"fluid__law": "power-law", "fluid__consistency": 0.5, "fluid__exponent": 0.8}, 0.5 * (1 + 1e-4) ** -0.1),
     ],
 )
 def test_womersley_profile_of_a_scene_reaches_the_problem(law, viscosity):

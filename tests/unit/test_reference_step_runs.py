@@ -188,6 +188,7 @@ def test_theta_of_the_schemes(scheme, theta):
         ({"inflow.ramp": 0.1}, (0.52, 0.52, 0.52)),
         ({"inflow.waveform": "sin(t)"}, (0.52, 0.52, 0.52)),
         ({"inflow.waveform": "cos(t)"}, (1.0, 1.0, 0.52)),
+        ({"inflow.waveform": "1e-13 * cos(t)"}, (0.52, 0.52, 0.52)),
         ({"inflow.waveform": "mca"}, (1.0, 1.0, 0.52)),
         ({"inflow.mean_velocity": 0.0}, (1.0, 1.0, 0.52)),
     ],

@@ -54,7 +54,8 @@ def test_limits_of_the_laws():
     stress = Casson(0.004, 0.0035, 0.0).at(np.array(9.0)) * 3.0
     assert np.sqrt(stress) == pytest.approx(np.sqrt(0.004) + np.sqrt(0.0035 * 3.0), rel=1e-14)
     assert Casson(0.0, 0.0035, 0.1).at(np.array(9.0)) == pytest.approx(0.0035, rel=1e-14)
-    assert [law.outlet for law in LAWS] == pytest.approx([0.00345, 0.03 * (1 + 0.05**2) ** -0.2, 0.0035], rel=1e-14)
+    assert [law.outlet for law in LAWS] == pytest.approx([0.00345, 0.0, 0.0035], rel=1e-14)
+    assert [PowerLaw(0.03, m, 0.05).outlet for m in (1.0, 1.4)] == pytest.approx([0.03, 0.03 * 0.05**0.4], rel=1e-14)
     assert Newtonian(0.7).outlet == Newtonian(0.7).at(much) == 0.7
 
 

@@ -89,6 +89,10 @@ def test_a_solid_alone_gets_no_law() -> None:
         ([POWER_LAW, "fluid.exponent=0"], ["fluid.exponent = 0:", "> 0"]),
         ([POWER_LAW, "fluid.consistency=1 Pa s"], ["fluid.consistency", "text", "a number > 0 in Pa s^m"]),
         ([POWER_LAW, "fluid.regularisation=0"], ["fluid.regularisation = 0:", "> 0 in 1/s"]),
+        (
+            [POWER_LAW, "inflow.profile=womersley", "inflow.waveform=mca", "time.step=0.1", "time.end=1"],
+            ['inflow.profile = "womersley":', 'fluid.law = "power-law"'],
+        ),
         ([CASSON, "fluid.yield_stress=-1 Pa"], ["fluid.yield_stress", ">= 0 in Pa"]),
         ([CASSON, "fluid.yield_stress=nan"], ["fluid.yield_stress = nan:", "finite"]),
         ([CASSON, "fluid.regularization=1"], ["fluid.regularization", 'mean "fluid.regularisation"']),
