@@ -248,11 +248,12 @@ class MeshGeometry(ChannelGeometry):
         return found
 
     def steady_problems(self) -> list[Problem]:
-        """Return the solids that nothing holds."""
-        if not (loose := self._mesh.loose):
-            return []
+        """Return the solids that nothing holds, or a piece of which."""
         accepted = "accepted in a steady scene: clamped or supported boundaries on each solid or on one that it adjoins"
-        return [Problem("geometry.boundaries.clamped", f"nothing holds the solid {names(loose)}; {accepted}")]
+        return [
+            Problem("geometry.boundaries.clamped", f'nothing holds the solid "{name}" at {where}; {accepted}')
+            for name, where in self._mesh.loose.items()
+        ]
 
     def exact_areas(self, physics: Physics) -> dict[str, float]:
         """Return the areas in m^2 of the regions."""

@@ -17,11 +17,13 @@ from ffsi.scene.errors import Problem, names, short
 from ffsi.scene.meshes.curves import Curves, Edges, meaning
 from ffsi.scene.meshes.errors import MeshError, count, fault, place
 from ffsi.scene.meshes.naming import FLUID, ROLES, Naming, chosen_groups
+from ffsi.scene.meshes.overlaps import refuse_overlaps
 from ffsi.scene.meshes.reading import MeshFile, read_mesh_file
-from ffsi.scene.meshes.topology import Topology, counter_clockwise, refuse_gaps, refuse_overlaps
+from ffsi.scene.meshes.topology import Topology, counter_clockwise, refuse_folds, refuse_gaps
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+Flags = NDArray[np.bool_]
 
 HELD = (CLAMPED, SUPPORTED)
 """Labels of boundaries that hold a solid."""
@@ -45,7 +47,8 @@ class DomainMesh:
         areas: of each region by the scene's name, in the order of their numbers.
         boundaries: the labelled boundaries, by label.
         inlet: start (x, y), inward unit vector and length of the inlet; None without a fluid.
-        loose: solids, by the scene's names, that nothing holds, neither themselves nor through another solid.
+        loose: for each solid, by the scene's name, of which nothing holds a piece, neither itself nor through another
+            solid: that piece's place in words.
     """
 
     vertices: Floats
@@ -56,7 +59,7 @@ class DomainMesh:
     areas: dict[str, float]
     boundaries: tuple[Edges, ...]
     inlet: tuple[tuple[float, float], tuple[float, float], float] | None
-    loose: tuple[str, ...]
+    loose: dict[str, str]
 
     @cached_property
     def digest(self) -> str:
@@ -124,14 +127,16 @@ def _domain_mesh(path: Path, unit: str, metres: float, naming: Naming) -> Domain
     region, titles = _regions(file, naming, unit)
     used, triangles = np.unique(file.triangles, return_inverse=True)
     topology, turned = counter_clockwise(file.points[used], triangles.reshape(-1, 3), unit)
-    refuse_overlaps(topology, turned, region)
+    refuse_folds(topology, turned, region)
     refuse_gaps(topology, titles)
+    refuse_overlaps(topology, titles)
     number = np.full(len(file.points), -1, dtype=np.int64)
     number[used] = np.arange(len(used))
     curves = Curves(topology, region, number[file.lines], file.curves)
     label, parts = curves.labels(naming)
     if "fluid" in naming.numbers:
         _refuse_parted_fluid(topology, region)
+        _refuse_dry_solids(topology, region, naming)
     chosen = np.flatnonzero(label)
     vertices = _rounded(topology.points * metres)
     edges = curves.directed[chosen]
@@ -194,15 +199,22 @@ def _regions(file: MeshFile, naming: Naming, unit: str) -> tuple[Ints, list[str]
     return region, titles
 
 
-def _loose(topology: Topology, region: Ints, held_edges: Ints, naming: Naming) -> tuple[str, ...]:
-    solid = region != FLUID
-    if not solid.any():
-        return ()
-    piece = topology.components(solid)
-    held = np.isin(topology.triangles[solid], held_edges).any(axis=1)
-    free = ~np.isin(piece, piece[held])
-    numbers = np.unique(region[solid][free]).tolist()
-    return tuple(name for name, number in naming.numbers.items() if number in numbers)
+def _loose(topology: Topology, region: Ints, held_edges: Ints, naming: Naming) -> dict[str, str]:
+    """Return the places of pieces of solids without a node on held edges, by the scene's names."""
+    return _pieces_without(topology, region, np.isin(topology.triangles, held_edges).any(axis=1), naming)
+
+
+def _pieces_without(topology: Topology, region: Ints, marked: Flags, naming: Naming) -> dict[str, str]:
+    """Return, by the scene's name of each solid in them, a place in the first connected piece without a mark."""
+    solid = np.flatnonzero(region != FLUID)
+    if not solid.size:
+        return {}
+    piece = topology.components(region != FLUID)
+    left = solid[~np.isin(piece, piece[marked[solid]])]
+    numbers, first = np.unique(region[left], return_index=True)
+    middles = topology.points[topology.triangles[left[first]]].mean(axis=1)
+    places = {number: place(middle, topology.unit) for number, middle in zip(numbers.tolist(), middles, strict=True)}
+    return {name: places[number] for name, number in naming.numbers.items() if number in places}
 
 
 # The fluid -----------------------------------------------------------------------------------------------------------
@@ -217,6 +229,20 @@ def _refuse_parted_fluid(topology: Topology, region: Ints) -> None:
     first = [topology.triangle_at(triangles[np.argmax(piece == number)]) for number in range(2)]
     text = f"the fluid falls into {piece.max() + 1} pieces that share no edge"
     raise fault(f"{text}: one has the triangle {first[0]}, another one {first[1]}", "regions.fluid")
+
+
+def _refuse_dry_solids(topology: Topology, region: Ints, naming: Naming) -> None:
+    inner = topology.right >= 0
+    pairs = np.stack([topology.left[1][inner], topology.right[inner]], axis=1)
+    wet = np.zeros(len(region), dtype=np.bool_)
+    wet[pairs[(region[pairs] == FLUID).any(axis=1)]] = True
+    accepted = "accepted with a fluid: solids that share edges with it, themselves or through other solids"
+    problems = [
+        Problem(f"regions.{name}", f"its piece at {where} is not connected to the fluid; {accepted}")
+        for name, where in _pieces_without(topology, region, wet, naming).items()
+    ]
+    if problems:
+        raise MeshError(problems)
 
 
 def _inlet(

@@ -110,7 +110,7 @@ class Topology:
 
 
 def counter_clockwise(points: Floats, triangles: Ints, unit: str) -> tuple[Topology, Flags]:
-    """Turn all triangles counter-clockwise; the order of the nodes in a file has no meaning.
+    """Turn all triangles counter-clockwise: which way round a file writes those of a surface has no meaning.
 
     Returns:
         The topology, and (nt,) which triangles were turned.
@@ -131,8 +131,8 @@ def counter_clockwise(points: Floats, triangles: Ints, unit: str) -> tuple[Topol
     return topology, turned
 
 
-def refuse_overlaps(topology: Topology, turned: Flags, region: Ints) -> None:
-    """Refuse triangles that are there twice, more than two at an edge, and folds (inverted triangles).
+def refuse_folds(topology: Topology, turned: Flags, region: Ints) -> None:
+    """Refuse triangles that are there twice, more than two at an edge, folds, and single inverted triangles.
 
     Args:
         topology: the mesh.
@@ -153,6 +153,7 @@ def refuse_overlaps(topology: Topology, turned: Flags, region: Ints) -> None:
     if (at_edge > 2).any():
         where = place(topology.middles[np.argmax(at_edge > 2)], topology.unit)
         raise fault(f"more than two triangles share the edge at {where}")
+    unusual = turned != (2 * np.bincount(region, turned) > np.bincount(region))[region]
     # Where all triangles run counter-clockwise, two neighbours run through their edge in opposite directions.
     sides, edges = topology.sides, topology.left[0]
     owner = np.repeat(np.arange(len(topology.triangles)), 3)
@@ -161,10 +162,33 @@ def refuse_overlaps(topology: Topology, turned: Flags, region: Ints) -> None:
     if same.any():
         side = int(np.argmax(same))
         pair = np.array([owner[side], topology.left[1][edge_of_side[side]]])
-        usual = [2 * turned[region == region[t]].sum() > (region == region[t]).sum() for t in pair]
-        odd = [t for t, way in zip(pair, usual, strict=True) if turned[t] != way]
-        where = topology.triangle_at(odd[0] if odd else pair[0])
+        where = topology.triangle_at(pair[np.argmax(unusual[pair])])
         raise fault(f"inverted triangle with the corners {where}: it overlaps its neighbours")
+    _refuse_inverted(topology, turned, region, unusual)
+
+
+def _refuse_inverted(topology: Topology, turned: Flags, region: Ints, unusual: Flags) -> None:
+    """Refuse triangles that run the other way round than all their neighbours in the region.
+
+    Not more: meshers write a whole surface clockwise where its outline was drawn so, also one of several in a region.
+    """
+    inner = topology.right >= 0
+    pairs = np.stack([topology.left[1][inner], topology.right[inner]], axis=1)
+    pairs = pairs[region[pairs[:, 0]] == region[pairs[:, 1]]]
+    differ = turned[pairs[:, 0]] != turned[pairs[:, 1]]
+    size = len(region)
+    neighbours, others = (np.bincount(chosen.ravel(), minlength=size) for chosen in (pairs, pairs[differ]))
+    inverted = (neighbours > 0) & (others == neighbours)
+    if not inverted.any():
+        return
+    inverted &= unusual | ~(inverted & unusual).any()
+    ways = ["clockwise", "counter-clockwise"]
+    triangle = int(np.argmax(inverted))
+    if not turned[triangle]:
+        ways.reverse()
+    number = count(int(inverted.sum()), "inverted triangle")
+    where = topology.triangle_at(triangle)
+    raise fault(f"{number}, the first with the corners {where}: it runs {ways[0]}, its neighbours {ways[1]}")
 
 
 def refuse_gaps(topology: Topology, titles: list[str]) -> None:
