@@ -16,6 +16,7 @@ from ffsi.scene import SceneError, load_scene
 
 WIDTH = 5  # points across the vessel of the tests: three triangles pairs of lumen, one of wall
 INTERFACE = 3  # the interface's place among them
+ISLAND = [(11, 5), (11.2, 5), (11, 5.2)]  # within the lumen
 
 
 def double_interface(drawing: Drawing) -> None:
@@ -44,6 +45,66 @@ def hang_a_node(drawing: Drawing) -> None:
 def invert_a_triangle(drawing: Drawing) -> None:
     """Pull a node of the lumen across the opposite side of a triangle."""
     drawing.points[WIDTH + 1] = drawing.points[3 * WIDTH + 2]
+
+
+def turn_a_triangle(drawing: Drawing) -> None:
+    drawing.triangles[9] = drawing.triangles[9][::-1]
+
+
+def turn_all_but_one(drawing: Drawing) -> None:
+    drawing.triangles = drawing.triangles[:, ::-1].copy()
+    turn_a_triangle(drawing)
+
+
+def add(points: Any, region: int, held: bool = False) -> Callable[[Drawing], None]:
+    """Add a triangle with nodes of its own, clamped on its first side."""
+
+    def change(drawing: Drawing) -> None:
+        first = len(drawing.points)
+        drawing.points = np.vstack([drawing.points, points])
+        drawing.triangles = np.vstack([drawing.triangles, first + np.arange(3)])
+        drawing.region = np.concatenate([drawing.region, [region]])
+        if held:
+            drawing.lines = np.vstack([drawing.lines, [(first, first + 1)]])
+            drawing.curve = np.concatenate([drawing.curve, [CURVES["ends"]]])
+
+    return change
+
+
+def double_the_wall(drawing: Drawing) -> None:
+    """Lay a second wall, moved by a twentieth of its thickness, over the first one and the lumen."""
+    wall = drawing.region == WALL_REGION
+    used, corners = np.unique(drawing.triangles[wall], return_inverse=True)
+    drawing.triangles = np.vstack([drawing.triangles, corners.reshape(-1, 3) + len(drawing.points)])
+    drawing.region = np.concatenate([drawing.region, drawing.region[wall]])
+    drawing.points = np.vstack([drawing.points, drawing.points[used] + np.array([0.05, 0.02])])
+
+
+def cover_a_node(drawing: Drawing) -> None:
+    """Add a triangle of wall that starts at a node of the inlet and lies in the lumen."""
+    angle = 0.3 + np.array([0.05, 0.08])
+    new = len(drawing.points)
+    drawing.points = np.vstack([drawing.points, 11.2 * np.column_stack([np.cos(angle), np.sin(angle)])])
+    drawing.triangles = np.vstack([drawing.triangles, [(1, new, new + 1)]])
+    drawing.region = np.concatenate([drawing.region, [WALL_REGION]])
+
+
+def let_go(drawing: Drawing) -> None:
+    """Part the wall in two, and hold one half only."""
+    wall = np.flatnonzero(drawing.region == WALL_REGION)
+    drawing.triangles = np.delete(drawing.triangles, wall[6:8], axis=0)
+    drawing.region = np.delete(drawing.region, wall[6:8])
+    a, b = 3 * WIDTH + INTERFACE, 4 * WIDTH + INTERFACE
+    drawing.curve[(np.sort(drawing.lines, axis=1) == (a, b)).all(axis=1)] = CURVES["inner"]
+    end = np.isin(drawing.lines, np.arange(6 * WIDTH, 7 * WIDTH)).all(axis=1) & (drawing.curve == CURVES["ends"])
+    drawing.curve[end] = CURVES["outside"]
+    drawing.lines, drawing.curve = (
+        array[drawing.curve != CURVES["outside"]] for array in (drawing.lines, drawing.curve)
+    )
+
+
+def name_nothing(drawing: Drawing) -> None:
+    drawing.names |= {"inflow": (31, 1), "plaque": (32, 2)}
 
 
 def flatten_a_triangle(drawing: Drawing) -> None:
@@ -120,6 +181,16 @@ BROKEN: list[tuple[Callable[[Drawing], None] | None, dict[str, Any], str]] = [
      r"common boundary: 7 places with two nodes, the first at \(.*\) mm"),
     (hang_a_node, {}, r"geometry.file .*: 1 hanging node, the first at \(.*\) mm, on the triangle side between"),
     (invert_a_triangle, {}, r"geometry.file .*: inverted triangle with the corners \(.*\) mm, .*: it overlaps"),
+    (turn_a_triangle, {}, r"geometry.file .*: 1 inverted triangle, the first with the corners \(.*\) mm: it runs "
+     "clockwise, its neighbours counter-clockwise"),
+    (turn_all_but_one, {}, r"geometry.file .*: 1 inverted triangle, the first .*: it runs counter-clockwise, its"),
+    (double_the_wall, {}, r'geometry.file .*: two triangles overlap at \(.*\) mm, one of "wall" with the corners '
+     r'\(.*\) mm and one of "wall" with the corners \(.*\) mm; accepted: regions that cover each place once'),
+    (add(ISLAND, WALL_REGION), {}, r'two triangles overlap at \(11.1, 5\) mm, one of "wall" .* one of "lumen" with'),
+    (add([(0, 0), (99, 0), (0, 99)], WALL_REGION), {}, r'overlap .* and one of "wall" with the corners \(0, 0\)'),
+    (cover_a_node, {}, r'two triangles overlap at \(10.5\d+, 3.2\d+\) mm, one of "wall" .* and one of "lumen" with'),
+    (add([(20, 5), (21, 5), (20, 6)], WALL_REGION, held=True), {}, r"geometry.regions.wall: its piece at \(20.3333, "
+     r"5.33333\) mm is not connected to the fluid; accepted with a fluid: solids that share edges with it"),
     (flatten_a_triangle, {}, r"geometry.file .*: 1 triangle without area, the first with the corners \("),
     (double_a_triangle, {}, r"geometry.file .*: the file has 1 triangle more than once, .* one physical group only"),
     (lift_a_node, {}, "geometry.file .*: the mesh must lie in a plane z = constant; z goes from 0 to 0.2"),
@@ -142,10 +213,15 @@ BROKEN: list[tuple[Callable[[Drawing], None] | None, dict[str, Any], str]] = [
      "fluid and solid; such an interface is found without being named"),
     (None, boundaries(clamped=["ends", "inner"]), 'boundaries.clamped = "inner": .* it is a boundary of the fluid'),
     (None, boundaries(outlet=["out", "in"]), r'boundaries.outlet = "in": shares edges with boundaries.inlet'),
-    (None, boundaries(clamped=None), 'boundaries.clamped: nothing holds the solid "wall"; accepted in a steady scene'),
+    (None, boundaries(clamped=None), 'boundaries.clamped: nothing holds the solid "wall" at .* mm; accepted in a '
+     "steady scene: clamped or supported boundaries on each solid"),
+    (let_go, {}, r'boundaries.clamped: nothing holds the solid "wall" at \([0-9.]*, 1[0-9.]*\) mm; accepted'),
     # names
     (None, boundaries(inlet="inn"), r'boundaries.inlet = "inn": no such boundary; the mesh has "in", "out", "inner", '
      r'"ends", "outside", "interface" \(did you mean "in"'),
+    (name_nothing, boundaries(inlet="inflow"), 'boundaries.inlet = "inflow": the file names this boundary, but nothing '
+     'belongs to it; the mesh has "in", "out"'),
+    (name_nothing, regions(wall="plaque"), 'regions.wall = "plaque": the file names this region, but nothing'),
     (None, boundaries(outlet=77), 'boundaries.outlet = "77": no such boundary; the mesh has'),
     (None, boundaries(outlet=None), "geometry.boundaries.outlet: missing; boundaries where the fluid leaves"),
     (None, boundaries(inlett="in"), r'boundaries.inlett = "in": unknown key.*did you mean "geometry.boundaries.inlet"'),
@@ -234,16 +310,27 @@ def test_other_elements(cells, message, tmp_path, capsys) -> None:
     assert message in refused(capsys, tmp_path, scene_table("other.vtu"))
 
 
+GMSH = (
+    b"$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n4\n1 0 0 0\n2 1 0 0\n3 1 1 0\n5 0 1 0\n$EndNodes\n"
+    b"$Elements\n1\n1 2 2 1 1 %s\n$EndElements\n"
+)
+
+
 @pytest.mark.parametrize(
     ("name", "content", "message"),
     [
         ("a.msh", b"$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n3\n1 0 0", "meshio cannot read it"),
         ("a.msh", b"\x00\x01\x02", "meshio cannot read it"),
-        ("a.msh", b"", "meshio cannot read it"),
+        ("a.msh", b"", "the file is empty"),
+        ("a.msh", b"\n", "the file holds no elements"),
+        ("a.msh", GMSH % b"1 2 99999", "a triangle or a line has the node 99999, which the file does not hold"),
+        ("a.msh", GMSH % b"1 2 4", "1 triangle with a node that the file does not hold, the first is number 1 of the "
+         "triangles; it has a node at (0, 0)"),
+        ("a.inp", b"*NODE\n1,0,0\n*ELEMENT, TYPE=CPS3\n1,1,2,77\n", "a triangle or a line has the node 2, which"),
         ("a.vtu", b"<VTKFile", "meshio cannot read it"),
         ("a.doc", b"some text", "meshio cannot read it"),
     ],
-)
+)  # fmt: skip
 def test_unreadable(name, content, message, tmp_path, capsys) -> None:
     (tmp_path / name).write_bytes(content)
     error = refused(capsys, tmp_path, scene_table(name))
@@ -254,7 +341,8 @@ def test_unreadable(name, content, message, tmp_path, capsys) -> None:
 def test_no_file(name, tmp_path, capsys) -> None:
     (tmp_path / "meshes").mkdir()
     error = refused(capsys, tmp_path, scene_table(name))
-    assert ("cannot be read: File name too long" if len(name) > 255 else "no such file in") in error
+    expected = {"a\0b": "no such file in"}.get(name, "this is a folder; accepted: a file that meshio reads")
+    assert ("cannot be read: File name too long" if len(name) > 255 else expected) in error
 
 
 def test_several_arrays_of_numbers(tmp_path, capsys) -> None:

@@ -64,15 +64,20 @@ class Naming:
 def chosen_groups(
     wanted: Names, groups: Sequence[Group], key: str, noun: str, problems: list[Problem]
 ) -> list[tuple[str, Group]]:
-    """Return the groups that the scene names; what is not there becomes a problem."""
+    """Return the groups that the scene names; what is not there, or holds nothing, becomes a problem."""
     found = []
     for name in wanted:
         called = [group for group in groups if group.name == name] or [g for g in groups if str(g.number) == name]
-        if called:
+        if called and len(called[0].cells):
             found.append((name, called[0]))
             continue
-        titles = [group.title for group in groups]
+        titles = [group.title for group in groups if len(group.cells)]
         plural = "regions" if noun == "region" else "boundaries"
         holds = f"the mesh has {names(titles)}" if titles else f"the mesh names no {plural}"
-        problems.append(Problem(key, f"no such {noun}; {holds}", short(name), nearest(str(name), titles)))
+        if called:
+            problems.append(
+                Problem(key, f"the file names this {noun}, but nothing belongs to it; {holds}", short(name))
+            )
+        else:
+            problems.append(Problem(key, f"no such {noun}; {holds}", short(name), nearest(str(name), titles)))
     return found

@@ -25,6 +25,7 @@ _KNOWN_DATA = (_GMSH, "medit:ref", "su2:tag", "cell_tags")
 _DIMENSION = {"triangle": 2, "line": 1}
 _SECOND_ORDER = re.compile(r"(triangle|line)\d+")
 _QUADS = re.compile(r"(quad|polygon)\d*")
+_OUT_OF_RANGE = re.compile(r"index (-?\d+) is out of bounds")
 _NAMES = re.compile(rb"\$PhysicalNames\s(.*?)\$EndPhysicalNames", re.DOTALL)
 _NAME = re.compile(rb'^\s*(\d+)\s+(\d+)\s+"(.*)"\s*$', re.MULTILINE)
 
@@ -36,7 +37,7 @@ class Group:
     Args:
         name: name in the file, None if it has only a number.
         number: number in the file, None if it has only a name.
-        cells: numbers of the cells, in ascending order.
+        cells: numbers of the cells, in ascending order; none where the file names what it does not hold.
     """
 
     name: str | None
@@ -84,6 +85,7 @@ def read_mesh_file(path: Path) -> MeshFile:
     triangles, lines = (_cells(mesh, kind) for kind in _DIMENSION)
     if not len(triangles):
         raise fault("the file holds no triangle")
+    _refuse_strange_nodes(points, triangles, lines)
     if not np.isfinite(points).all():
         raise fault(f"the coordinates of node {int(np.argmin(np.isfinite(points).all(axis=1))) + 1} are not finite")
     _refuse_third_dimension(points, triangles)
@@ -96,8 +98,13 @@ def _read(path: Path) -> Any:
     """Call meshio, which prints and leaves the process where it fails."""
     try:
         there = path.is_file()
+        size = path.stat().st_size if there else 0
     except OSError as error:
         raise fault(f"cannot be read: {error.strerror}") from None
+    if there and not size:
+        raise fault("the file is empty")
+    if not there and path.is_dir():
+        raise fault("this is a folder; accepted: a file that meshio reads (.msh, .mesh, .vtu, .vtk, ...)")
     if not there:
         siblings = sorted(other.name for other in path.parent.iterdir()) if path.parent.is_dir() else []
         guess = nearest(path.name, siblings)
@@ -113,9 +120,33 @@ def _read(path: Path) -> Any:
         if "gmsh:physical" in str(error):
             text = "some elements belong to no physical group; save only those that do (in Gmsh: Mesh.SaveAll = 0)"
             raise fault(text) from None
+        if "at least one array to concatenate" in str(error):
+            raise fault("the file holds no elements") from None
+        if (node := _unknown_node(error, path)) is not None:
+            raise fault(f"a triangle or a line has the node{node}, which the file does not hold") from None
         reason = " ".join(f"{error}".split()) if isinstance(error, Exception) else ""
         reason = reason or " ".join(said.getvalue().split()) or type(error).__name__
         raise fault(f"meshio cannot read it: {reason[:200]}") from None
+
+
+def _unknown_node(error: BaseException, path: Path) -> str | None:
+    """Return the number, where it is known, of a node that made meshio fail; None if something else did."""
+    if isinstance(error, KeyError) and isinstance(error.args[0], int | np.integer):
+        return f" {error.args[0]}"
+    found = _OUT_OF_RANGE.match(str(error)) if isinstance(error, IndexError) else None
+    if found is None:
+        return None
+    return f" {int(found[1]) + 1}" if path.suffix.lower() == ".msh" else ""  # Gmsh counts from 1, meshio from 0
+
+
+def _refuse_strange_nodes(points: Floats, triangles: Ints, lines: Ints) -> None:
+    for noun, cells in (("triangle", triangles), ("line", lines)):
+        bad = ((cells < 0) | (cells >= len(points))).any(axis=1)
+        if bad.any():
+            known = next((points[n, :2] for n in cells[np.argmax(bad)] if 0 <= n < len(points)), None)
+            where = "" if known is None else f"; it has a node at ({known[0]:.6g}, {known[1]:.6g})"
+            text = f"{count(int(bad.sum()), noun)} with a node that the file does not hold"
+            raise fault(f"{text}, the first is number {int(np.argmax(bad)) + 1} of the {noun}s{where}")
 
 
 def _refuse_elements(blocks: Sequence[tuple[str, int]]) -> None:
@@ -161,7 +192,7 @@ def _physical_names(path: Path) -> dict[tuple[int, int], str]:
 
 
 def _groups(mesh: Any, kind: str, physical: dict[tuple[int, int], str]) -> Iterator[Group]:
-    """Yield the groups of the triangles or lines: first those with numbers, then named sets that are none of them."""
+    """Yield the groups of the triangles or lines: those with numbers, then other named sets, then empty ones."""
     dimension = _DIMENSION[kind]
     blocks = [number for number, block in enumerate(mesh.cells) if block.type == kind]
     seen = set()
@@ -180,7 +211,11 @@ def _groups(mesh: Any, kind: str, physical: dict[tuple[int, int], str]) -> Itera
                  if not name.startswith("gmsh:") and members[block] is not None]  # fmt: skip
         cells = np.unique(np.concatenate(parts)) if parts else np.zeros(0, dtype=np.int64)
         if len(cells) and name not in seen:
+            seen.add(name)
             yield Group(name, None, cells)
+    for (of, number), name in physical.items():
+        if of == dimension and name not in seen:
+            yield Group(name, number, np.zeros(0, dtype=np.int64))
 
 
 def _number_data(mesh: Any, blocks: Sequence[int]) -> str | None:
