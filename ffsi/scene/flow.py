@@ -74,7 +74,9 @@ class Inflow(Table):
     )
     series: Series | None = Field(None, description="the waveform as a Fourier series, dimensionless; needs period")
     period: Duration | None = Field(
-        None, description="period of the waveform, that of a named waveform or of the file if absent, s"
+        None,
+        description="period of the waveform, that of a named waveform or of the file if absent, not less than the "
+        "file's times cover, s",
     )
 
     @field_validator("profile")

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Literal, Self, get_args
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BeforeValidator, Field
+from pydantic import BeforeValidator, Field, model_validator
 
-from ffsi.scene.base import Table
+from ffsi.scene.base import Table, refuse
+from ffsi.scene.errors import Problem, short
 from ffsi.scene.units import (
     Consistency,
     Density,
@@ -58,6 +59,13 @@ class Carreau(IncompressibleFluid):
     time_constant_squared: SquaredTime = Field(10.976, description="constant K, the square of a time, s^2")
     exponent: _CarreauExponent = Field(-0.3216, description="exponent n of 1 + K g^2, dimensionless")
     law: Literal["carreau"] = Field("carreau", description='viscosity law: "carreau"')
+
+    @model_validator(mode="after")
+    def _thins(self) -> Self:
+        if self.viscosity_zero < self.viscosity_infinity:
+            text = f"must be at least viscosity_infinity = {short(self.viscosity_infinity)} Pa s"
+            refuse([Problem("viscosity_zero", text, f"{short(self.viscosity_zero)} Pa s")])
+        return self
 
     def apparent_viscosity(self, shear_rate: Floats) -> Floats:
         """Return mu(g)."""

@@ -230,6 +230,13 @@ class Scene(Table):
             yield Problem("output.wall", "only accepted in a scene with a table time (time.step and time.end)")
         elif self.inflow is None or self.inflow.period is None:
             yield Problem("inflow.period", "missing; output.wall needs the length of a cycle, s")
+        else:
+            # The first cycle is always accepted: a short trial of a pulsatile scene ends before it.
+            last = max(1, int(self.time.end / self.inflow.period * (1 + 1e-9)))
+            if self.output.wall.first_cycle > last:
+                times = f"time.end = {short(self.time.end)} s, inflow.period = {short(self.inflow.period)} s"
+                text = f"accepted: at most {last}, the last whole cycle ({times})"
+                yield Problem("output.wall.first_cycle", text, short(self.output.wall.first_cycle))
 
     # What follows from the values ---------------------------------------------------------------------------------
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Literal, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
 from ffsi.scene.base import Table, refuse
 from ffsi.scene.errors import Problem, names, short
-from ffsi.scene.units import Compliance, NonNegativeNumber, NonNegativeResistance, Resistance, Stress
+from ffsi.scene.units import Compliance, NonNegativeResistance, Quantity, Resistance, Stress
 
 # Keys of each kind, the needed ones first, then those that may be given.
 KEYS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
@@ -44,8 +44,10 @@ class Outlet(Table):
         None, description="resistance R_d behind the compliance, windkessel only, Pa s/m^2"
     )
     compliance: Compliance | None = Field(None, description="compliance C, windkessel only, m^2/Pa")
-    backflow: NonNegativeNumber | None = Field(
-        None, description="factor beta of the traction -beta rho min(v.n, 0) v against backflow, dimensionless"
+    backflow: Annotated[float, Quantity("1", above=0.0, at_most=1.0)] | None = Field(
+        None,
+        description="factor beta, usually 0.2 to 1, of the traction -beta rho min(v.n, 0) v against backflow, "
+        "dimensionless",
     )
 
     @model_validator(mode="after")

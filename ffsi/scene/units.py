@@ -97,17 +97,19 @@ class Quantity:
         above: exclusive lower bound in ``unit``.
         at_least: inclusive lower bound in ``unit``.
         below: exclusive upper bound in ``unit``.
+        at_most: inclusive upper bound in ``unit``.
     """
 
     unit: str
     above: float | None = None
     at_least: float | None = None
     below: float | None = None
+    at_most: float | None = None
 
     @property
     def accepted(self) -> str:
         """Description of the values that are accepted."""
-        bounds = ((">", self.above), (">=", self.at_least), ("<", self.below))
+        bounds = ((">", self.above), (">=", self.at_least), ("<", self.below), ("<=", self.at_most))
         limits = " and ".join(f"{sign} {number_text(bound)}" for sign, bound in bounds if bound is not None)
         text = f"a number {limits}".rstrip()
         if self.unit == "1":
@@ -141,6 +143,7 @@ class Quantity:
             (self.above is None or number > self.above)
             and (self.at_least is None or number >= self.at_least)
             and (self.below is None or number < self.below)
+            and (self.at_most is None or number <= self.at_most)
         )
         if not inside:
             raise self._refused("out of range")

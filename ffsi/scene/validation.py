@@ -87,7 +87,10 @@ def _unknown_key(key: str, value: Any, table: Model | None, root: Model, above: 
     if guess is not None:
         guess = join(prefix, guess)
     else:
-        by_name = {full.rpartition(".")[2]: full for full in _all_keys(root)}
+        # Below the prefix another one of the union may have keys that this table does not know.
+        elsewhere = [full for full in _all_keys(root) if not (prefix and full.startswith(f"{prefix}."))]
+        own = _all_keys(table, prefix) if table else ()
+        by_name = {full.rpartition(".")[2]: full for full in (*own, *elsewhere)}
         found = nearest(name, by_name)
         guess = by_name[found] if found else None
     return Problem(key, f"unknown key; {where} has {names(siblings)}", short(value), guess)

@@ -15,6 +15,9 @@ from ffsi.cli import main
 from ffsi.render import parameter_flags, render
 from ffsi.scene import MeshGeometry, Scene, SceneError, boundaries, load_scene, stored
 from ffsi.scene.geometry.mesh import STORED, TAKEN
+from ffsi.scene.meshes import MeshError
+from ffsi.scene.meshes.overlaps import refuse_overlaps
+from ffsi.scene.meshes.topology import Topology
 
 NUMBERS = {
     "regions": {"fluid": 1, "wall": 2},
@@ -246,6 +249,30 @@ def test_levels(scene, tmp_path) -> None:
     assert load_scene(tmp_path / "scene.toml", ["mesh.level=2"]).mesh.level == 2
     assert "mesh_size_factor" not in parameter_flags(scene)
     assert "mesh_level" in parameter_flags(scene)
+
+
+# Overlaps -----------------------------------------------------------------------------------------------------------
+
+
+def spiral(gap: float, along: int, across: int = 3) -> Topology:
+    """Return a band of width 1/2 that winds around twice and leaves a gap to itself."""
+    angle, over = np.repeat(np.linspace(0, 13, along + 1), across + 1), np.tile(np.arange(across + 1), along + 1)
+    radius = 1 + (0.5 + gap) * angle / (2 * np.pi) + 0.5 * over / across
+    start = (np.arange(along)[:, None] * (across + 1) + np.arange(across)).ravel()
+    corners = start[:, None] + np.array([[0, 1, across + 2], [0, across + 2, across + 1]])[:, None]
+    return Topology(np.column_stack([radius * np.cos(angle), radius * np.sin(angle)]), corners.reshape(-1, 3), "mm")
+
+
+@pytest.mark.parametrize(("gap", "along", "across"), [(0.1, 100, 3), (1e-3, 2000, 3), (0.1, 60, 400), (0.1, 9000, 1)])
+def test_no_overlap(gap, along, across) -> None:
+    """Narrow gaps between curved sides, and triangles a hundred times as long as high."""
+    refuse_overlaps(spiral(gap, along, across), ["band"] * (2 * along * across))
+
+
+@pytest.mark.parametrize(("gap", "along"), [(-1e-3, 2000), (-0.2, 100), (-0.5, 100)])
+def test_overlap(gap, along) -> None:
+    with pytest.raises(MeshError, match=r"two triangles overlap at \(.*\) mm"):
+        refuse_overlaps(spiral(gap, along), ["band"] * (6 * along))
 
 
 # Names ---------------------------------------------------------------------------------------------------------------

@@ -74,6 +74,24 @@ def test_what_does_not_fit_is_named(settings: list[str], words: str) -> None:
         load_scene("aneurysm", settings)
 
 
+def test_the_nearest_key_is_not_one_of_another_geometry() -> None:
+    with pytest.raises(SceneError, match=r'geometry.radius = 1: unknown key; .* "aneurysm" has [^?]*$'):
+        load_scene("aneurysm", ["geometry.radius=1"])
+    with pytest.raises(SceneError, match=r'did you mean "geometry.stent.diameter"'):
+        load_scene("aneurysm", ["geometry.diametre=1"])
+
+
+def test_the_first_written_cycle_ends_in_time() -> None:
+    period = CASES["aneurysm-pulsatile"].inflow.period
+    late = ["output.wall.first_cycle=5"]
+    with pytest.raises(
+        SceneError, match=r"output.wall.first_cycle = 5: accepted: at most 4, the last whole cycle \(time"
+    ):
+        load_scene("aneurysm-pulsatile", late)
+    assert load_scene("aneurysm-pulsatile", [*late, f"time.end={5 * period}"]).output.wall.first_cycle == 5
+    assert load_scene("aneurysm-pulsatile", ["time.end=0.12"]).output.wall.first_cycle == 1  # a trial
+
+
 def test_both_walls_are_elastic_or_none() -> None:
     table = CASES["aneurysm"].model_dump(exclude_none=True)
     del table["solid"]["dome"]

@@ -133,6 +133,8 @@ def test_with_a_period_the_last_row_need_not_repeat_the_first(tmp_path):
         read_waveform(path, 3)
     found = read_waveform(path, 40, 4.0)
     np.testing.assert_allclose(found([0.0, 0.5, 1.5, 3.5]), [0, 0.5, 0.5, -0.5], atol=0.02)
+    longer = read_waveform(path, 40, 6.0)  # goes straight back to its first value
+    np.testing.assert_allclose(longer([1.5, 3.0, 4.5]), [0.5, -1, -0.5], atol=0.03)
     with pytest.raises(ValueError, match=r"cover 3 s, more than inflow\.period = 2 s"):
         read_waveform(path, 3, 2.0)
 
@@ -224,7 +226,8 @@ WINDKESSEL = ("proximal_resistance", "distal_resistance", "compliance")
         ),
         ({"kind": "resistance", "resistance": -1}, ["outlet.resistance = -1:", ">= 0 in Pa s/m^2"]),
         ({"kind": "resistance", "resistance": "1 Pa s/m^3"}, ["outlet.resistance =", "wrong dimension"]),
-        ({"kind": "do-nothing", "backflow": -1}, ["outlet.backflow = -1:", ">= 0"]),
+        ({"kind": "do-nothing", "backflow": 0}, ["outlet.backflow = 0:", "> 0 and <= 1"]),
+        ({"kind": "do-nothing", "backflow": 1.01}, ["outlet.backflow = 1.01:", "> 0 and <= 1"]),
         (
             {"kind": "windkessel", "proximal_resistance": 1, "distal_resistance": 0, "compliance": 0},
             ["outlet.distal_resistance = 0:", "outlet.compliance = 0:", "> 0 in m^2/Pa"],

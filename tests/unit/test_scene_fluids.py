@@ -71,6 +71,10 @@ def test_a_solid_alone_gets_no_law() -> None:
     ("overrides", "fragments"),
     [
         (["fluid.law=bingham"], ['fluid.law = "bingham":', '"newtonian", "carreau", "power-law", "casson"']),
+        (
+            ["fluid.law=carreau", "fluid.viscosity_zero=3e-3"],
+            ["fluid.viscosity_zero = 0.003 Pa s:", "at least viscosity_infinity = 0.00345 Pa s"],
+        ),
         (["fluid.law=careau"], ['fluid.law = "careau":', 'mean "carreau"']),
         (["fluid.law=3"], ["fluid.law = 3:", "accepted:"]),
         (["fluid.law=power-law"], ["fluid.consistency: missing;", "consistency c, Pa s^m", "fluid.exponent: missing;"]),

@@ -201,7 +201,8 @@ def _regions(file: MeshFile, naming: Naming, unit: str) -> tuple[Ints, list[str]
 
 def _loose(topology: Topology, region: Ints, held_edges: Ints, naming: Naming) -> dict[str, str]:
     """Return the places of pieces of solids without a node on held edges, by the scene's names."""
-    return _pieces_without(topology, region, np.isin(topology.triangles, held_edges).any(axis=1), naming)
+    held = np.asarray(np.isin(topology.triangles, held_edges).any(axis=1))
+    return _pieces_without(topology, region, held, naming)
 
 
 def _pieces_without(topology: Topology, region: Ints, marked: Flags, naming: Naming) -> dict[str, str]:
