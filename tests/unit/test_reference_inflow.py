@@ -73,7 +73,7 @@ def test_series_of_a_scene_reaches_the_problem():
     ("law", "viscosity"),
     [
         ({}, 1.0),
-        ({"fluid__law": "carreau", "fluid__viscosity_infinity": 0.7}, 0.7),
+        ({"fluid__law": "carreau", "fluid__viscosity_zero": 0.9, "fluid__viscosity_infinity": 0.7}, 0.7),
     ],
 )
 def test_womersley_profile_of_a_scene_reaches_the_problem(law, viscosity):
