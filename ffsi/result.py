@@ -27,7 +27,8 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
 
-    from ffsi.hemodynamics.state import AneurysmState
+    from ffsi.hemodynamics.aneurysm import AneurysmState
+    from ffsi.hemodynamics.state import WallState
     from ffsi.rawfiles import RawMesh
 
 UNITS = {
@@ -187,28 +188,43 @@ class Result:
         Raises:
             InputError: the geometry is no aneurysm.
         """
-        from ffsi.hemodynamics.state import AneurysmState
+        from ffsi.hemodynamics.aneurysm import AneurysmState
+
+        found = self.walls_at(state)
+        if not isinstance(found, AneurysmState):
+            raise InputError(f'the geometry "{self.scene.geometry.kind}" is no aneurysm')
+        return found
+
+    @property
+    def walls(self) -> WallState | None:
+        """Wall shear stress and flow rates of the last state; None where none was saved or the scene reports none."""
+        return None if self.state_file is None else self.walls_at(self.state_file)
+
+    def walls_at(self, state: str) -> WallState | None:
+        """Return the same of a saved state, given the name of its file."""
+        from ffsi.hemodynamics.aneurysm import AneurysmState
+        from ffsi.hemodynamics.state import WallState, reports_walls
         from ffsi.rawfiles import read_state
 
-        if not isinstance(self.scene.geometry, Aneurysm):
-            raise InputError(f'the geometry "{self.scene.geometry.kind}" is no aneurysm')
+        if not reports_walls(self.scene):
+            return None
+        kind = AneurysmState if isinstance(self.scene.geometry, Aneurysm) else WallState
         raw = read_state(self.directory / state, self._raw_mesh)
-        return AneurysmState(self.scene, self._raw_mesh, raw, self._read_fields(state))
+        return kind(self.scene, self._raw_mesh, raw, self._read_fields(state))
 
     @property
     def wall(self) -> pd.DataFrame | None:
-        """Stress along the walls, one row per edge: in time over each written cycle, else of an aneurysm's state.
+        """Stress along the walls, one row per edge: with `output.wall` over each written cycle, else of the last state.
 
-        Columns: see `hemodynamics.cycles.cycle_tables` and `hemodynamics.state.AneurysmState.wall`; None without any.
+        Columns: see `hemodynamics.cycles.cycle_tables` and `hemodynamics.state.WallState.wall`; None without any.
         """
         from ffsi.hemodynamics import cycles, indices
 
         if self.scene.output.wall is not None:
             found = indices.read_cycles(self.directory)
             return cycles.cycle_tables(self.scene, self._raw_mesh, found) if found else None
-        if self.state_file is None or not isinstance(self.scene.geometry, Aneurysm):
-            return None
-        return self.aneurysm.wall
+        walls = self.walls
+        return None if walls is None else walls.wall
 
     @property
     def cycles(self) -> list[dict[str, Any]]:
@@ -219,8 +235,22 @@ class Result:
         return cycles.cycle_summary(self.scene, self._raw_mesh, found) if found else []
 
     def wall_data(self, state: str) -> dict[str, FloatArray]:
-        """Return point data of a saved state beside its fields: wall shear and effective stress of an aneurysm, Pa."""
-        return self.aneurysm_at(state).point_data if isinstance(self.scene.geometry, Aneurysm) else {}
+        """Return point data of a saved state beside its fields: stress on and in the walls.
+
+        `wall_shear_stress`, `effective_stress` (see `WallState.point_data`, `AneurysmState.point_data`); of the last
+        state also `tawss`, `osi`, `rrt` of the last whole cycle (`hemodynamics.cycles.cycle_point_data`).
+        """
+        walls = self.walls_at(state)
+        found = {} if walls is None else walls.point_data
+        last = self.saved_steps[-1].new if self.saved_steps else self.state_file
+        return found | self._last_cycle if state in (last, self.state_file) else found
+
+    @property
+    def _last_cycle(self) -> dict[str, FloatArray]:
+        from ffsi.hemodynamics import cycles, indices
+
+        found = indices.read_cycles(self.directory) if self.scene.output.wall is not None else []
+        return cycles.cycle_point_data(self.scene, self._raw_mesh, found[-1]) if found else {}
 
     @cached_property
     def _raw_mesh(self) -> RawMesh:

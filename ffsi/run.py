@@ -17,7 +17,7 @@ from ffsi.folder import InputError
 from ffsi.freefem import Event, FreeFEMError, Installation, find_freefem, run_script
 from ffsi.render import is_runtime_parameter, render
 from ffsi.result import Result
-from ffsi.scene import Aneurysm, Scene, stored, with_values
+from ffsi.scene import Scene, stored, with_values
 
 logger = logging.getLogger(__name__)
 
@@ -231,19 +231,14 @@ class _Point:
         if not self.alone:
             data["varied"] = dict(self.varied)
         if state is not None and not failure:
-            data["quantities"] |= self._of_aneurysm(data)
+            walls = Result(self.scene, self.directory, data).walls
+            data["quantities"] |= walls.quantities if walls is not None else {}
         if self.scene.time is not None:
             unsteady.complete(data, self.scene, self.directory)
             if self.scene.output.wall and (cycles := Result(self.scene, self.directory, data).cycles):
                 data["cycles"] = cycles
                 data["quantities"] |= {key: value for key, value in cycles[-1].items() if "_" in key}
         return data
-
-    def _of_aneurysm(self, data: dict[str, Any]) -> dict[str, float]:
-        """Return what only an aneurysm has: wall shear stress, effective stress, flow into the dome."""
-        if not isinstance(self.scene.geometry, Aneurysm):
-            return {}
-        return Result(self.scene, self.directory, data).aneurysm.quantities
 
     def check(self, data: dict[str, Any]) -> None:
         """Run the independent checker on a solved point; a mismatch makes it a failed one."""

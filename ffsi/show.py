@@ -101,8 +101,8 @@ def summary(done: Result) -> list[str]:
     lines = [material_line(name, solid) for name, solid in done.scene.solid.items()]
     if newton:
         lines.append(f"Newton: {newton.get('iterations')} iterations, {newton.get('factorizations')} factorisations")
-    if (in_time := done.data.get("time")) is not None:
-        lines.append(time_line(in_time))
+    if done.data.get("time") is not None:
+        lines.append(time_line(done.data))
     lines.append(check_line(check, done.check_failures))
     if (total := timings.get("total")) is not None:
         phases = ("factorize", "solve", "jacobian", "residual", "check", "pictures")
@@ -121,11 +121,26 @@ def material_line(name: str, solid: Elastic) -> str:
     return f"{name}: {getattr(solid, 'material', 'solid')}, {constants}"
 
 
-def time_line(in_time: Mapping[str, Any]) -> str:
-    """Return how far a computation in time came, and whether it is periodic."""
+def time_line(data: Mapping[str, Any]) -> str:
+    """Return how far a computation in time came, and whether it is periodic or how much its last cycles differ.
+
+    Args:
+        data: the content of `result.json`.
+    """
+    in_time = data["time"]
     why_not = f" ({in_time['why_not']})" if in_time.get("why_not") else ""
     ending = "periodic" if in_time["periodic"] else f"not periodic{why_not}"
+    if differ := _last_cycles(data):
+        ending = f"periodic, {differ}" if in_time["periodic"] else differ
     return f"t = {in_time['reached']:g} of {in_time['end']:g} s, {in_time['steps']} steps, {ending}{_energy(in_time)}"
+
+
+def _last_cycles(data: Mapping[str, Any]) -> str:
+    """Return how much the last cycle of the inflow differs from the one before; empty without two that follow."""
+    last = (data.get("cycles") or [{}])[-1]
+    if last.get("tawss_change") is None:
+        return ""
+    return f"TAWSS of cycle {last['number']} differs by {last['tawss_change']:.1e} from the cycle before"
 
 
 def _energy(in_time: Mapping[str, Any]) -> str:

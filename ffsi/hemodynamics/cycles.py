@@ -1,4 +1,4 @@
-"""The cycles of a pulsatile flow: indices along the walls, on the parts of an aneurysm, and from cycle to cycle."""
+"""The cycles of a pulsatile flow: indices along the walls, on their parts, and from cycle to cycle."""
 
 from __future__ import annotations
 
@@ -7,12 +7,15 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from ffsi.hemodynamics.indices import WallCycle, change
 from ffsi.hemodynamics.parts import over_parts, wall_frame
-from ffsi.hemodynamics.walls import wall_labels, wall_points
+from ffsi.hemodynamics.walls import at_nodes, wall_labels, wall_points
 from ffsi.rawfiles import RawMesh
-from ffsi.scene import Aneurysm, Scene
+from ffsi.scene import Scene
+
+Floats = NDArray[np.float64]
 
 _INDICES = ("tawss", "osi", "rrt")
 
@@ -42,8 +45,15 @@ def cycle_tables(scene: Scene, mesh: RawMesh, cycles: Sequence[WallCycle]) -> pd
     return pd.concat(tables, ignore_index=True)
 
 
+def cycle_point_data(scene: Scene, mesh: RawMesh, cycle: WallCycle) -> dict[str, Floats]:
+    """Return fields for ParaView, NaN off the walls: `tawss` (Pa), `osi` and `rrt` (1/Pa) of a cycle, (n2,) each."""
+    points = wall_points(mesh, wall_labels(scene))
+    at = cycle.at(points)
+    return {name: at_nodes(points, getattr(at, name), mesh.n_p2) for name in _INDICES}
+
+
 def cycle_summary(scene: Scene, mesh: RawMesh, cycles: Sequence[WallCycle]) -> list[dict[str, Any]]:
-    """Return for each cycle its number, start and end (s), its indices by part of an aneurysm's walls, its change.
+    """Return for each cycle its number, start and end (s), its indices by part of the walls, its change.
 
     `tawss_mean_dome`, ... (Pa), `osi_mean_dome`, ..., `rrt_mean_dome`, ... (1/Pa), `wss_peak_dome` (Pa);
     `tawss_change`: difference of TAWSS to the cycle before, its L2 norm over the walls relative to that of TAWSS;
@@ -55,12 +65,11 @@ def cycle_summary(scene: Scene, mesh: RawMesh, cycles: Sequence[WallCycle]) -> l
     for cycle in cycles:
         at = cycle.at(points)
         row: dict[str, Any] = {"number": at.number, "start": at.start, "end": at.end}
-        if isinstance(scene.geometry, Aneurysm):
-            for name in _INDICES:
-                for part, values in over_parts(scene.geometry, points, getattr(at, name), points.length).items():
-                    row |= {f"{name}_{what}_{part}": value for what, value in values.items()}
-            for part, values in over_parts(scene.geometry, points, at.peak, points.length).items():
-                row[f"wss_peak_{part}"] = values["max"]
+        for name in _INDICES:
+            for part, values in over_parts(scene, points, getattr(at, name), points.length).items():
+                row |= {f"{name}_{what}_{part}": value for what, value in values.items()}
+        for part, values in over_parts(scene, points, at.peak, points.length).items():
+            row[f"wss_peak_{part}"] = values["max"]
         if before is not None and before.number == at.number - 1:
             row["tawss_change"] = change(before.tawss, at.tawss, points.length)
             row["osi_change"] = float(np.abs(at.osi - before.osi).max())

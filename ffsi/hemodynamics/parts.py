@@ -1,4 +1,4 @@
-"""Parts of an aneurysm's walls, and what a quantity along the walls comes to on each of them."""
+"""Parts of the walls, and what a quantity along the walls comes to on each of them."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from ffsi.hemodynamics.walls import WallPoints
+from ffsi.hemodynamics.walls import WallPoints, wall_labels
 from ffsi.scene import Scene, boundaries
 from ffsi.scene.boundaries import DOME_WALL, STRUTS
 from ffsi.scene.geometry import Aneurysm
@@ -14,6 +14,7 @@ from ffsi.scene.geometry import Aneurysm
 Floats = NDArray[np.float64]
 
 PARTS = ("dome", "neck", "vessel")
+"""Parts of an aneurysm's walls."""
 NECK_ZONE = 0.25
 """The neck: the walls within this part of its length from its two ends, where the stress has its singular corners."""
 _PIECES = 21  # odd: one of them lies at the point
@@ -24,20 +25,40 @@ def neck_radius(geometry: Aneurysm) -> float:
     return NECK_ZONE * geometry.neck_length
 
 
-def part_of(geometry: Aneurysm, label: NDArray[np.int64], position: Floats) -> NDArray[np.str_]:
-    """Return the part of the wall, "dome", "neck", "vessel" or "stent", of reference points (n, 2) in m."""
+def part_names(scene: Scene) -> tuple[str, ...]:
+    """Return the parts with quantities of their own: those of an aneurysm, else the names of the wet boundaries."""
+    if isinstance(scene.geometry, Aneurysm):
+        return PARTS
+    wet = wall_labels(scene)
+    return tuple(dict.fromkeys(boundary.name for boundary in boundaries(scene) if boundary.label in wet))
+
+
+def part_of(scene: Scene, label: NDArray[np.int64], position: Floats) -> NDArray[np.str_]:
+    """Return the part of the wall of reference points (n, 2) in m on boundaries with some labels (n,).
+
+    Of an aneurysm "dome", "neck", "vessel" or "stent", elsewhere the boundary's name.
+    """
+    if isinstance(scene.geometry, Aneurysm):
+        return _part_of_aneurysm(scene.geometry, label, position)
+    names = {boundary.label: boundary.name for boundary in boundaries(scene)}
+    labels, place = np.unique(label, return_inverse=True)
+    return np.array([names[number] for number in labels.tolist()], dtype=np.str_)[place]
+
+
+def _part_of_aneurysm(geometry: Aneurysm, label: NDArray[np.int64], position: Floats) -> NDArray[np.str_]:
     found = np.where(label == DOME_WALL, "dome", np.where(label >= STRUTS, "stent", "vessel"))
     distance = np.min([np.hypot(*(position - end).T) for end in np.array(geometry.neck)], axis=0)
     return np.where((distance < neck_radius(geometry)) & (found != "stent"), "neck", found)
 
 
-def over_parts(geometry: Aneurysm, points: WallPoints, values: Floats, length: Floats) -> dict[str, dict[str, float]]:
+def over_parts(scene: Scene, points: WallPoints, values: Floats, length: Floats) -> dict[str, dict[str, float]]:
     """Return mean, largest and smallest value on each part of the walls.
 
-    All are those of the piecewise linear curve through the points. A part may end within an edge.
+    All are those of the piecewise linear curve through the points, up to the part's border. An aneurysm's parts may end
+    within an edge.
 
     Args:
-        geometry: the aneurysm.
+        scene: the scene.
         points: of the walls.
         values: (n,) at the points.
         length: (n,) lengths of the deformed edges, m.
@@ -55,10 +76,10 @@ def over_parts(geometry: Aneurysm, points: WallPoints, values: Floats, length: F
         on = points.chain == chain
         fine[on] = np.interp(points.arc[on, None] + offset[on], points.arc[on], values[on])
     label = np.repeat(points.label, _PIECES)
-    part = part_of(geometry, label, place.reshape(-1, 2))
+    part = part_of(scene, label, place.reshape(-1, 2))
     weight = np.repeat(length / _PIECES, _PIECES)
     found = {}
-    for name in PARTS:
+    for name in part_names(scene):
         at = fine.ravel()[part == name]
         if at.size:
             mean = float(np.average(at, weights=weight[part == name]))
@@ -67,7 +88,7 @@ def over_parts(geometry: Aneurysm, points: WallPoints, values: Floats, length: F
 
 
 def wall_frame(scene: Scene, points: WallPoints) -> pd.DataFrame:
-    """Return where the points of the walls lie: `line`, `arc` (m), `x`, `y` (m), `part`.
+    """Return where the points of the walls lie: `line`, `arc` (m), `x`, `y` (m, reference mesh), `part`.
 
     Of an aneurysm `line` is "dome" for the outer wall with the dome in its middle, from the inlet to the outlet,
     "inner" for the vessel's inner wall, from the outlet to the inlet, "stent" for the struts. Elsewhere it is the
@@ -77,10 +98,8 @@ def wall_frame(scene: Scene, points: WallPoints) -> pd.DataFrame:
         with_dome = np.unique(points.chain[points.label == DOME_WALL])
         line = np.where(points.label >= STRUTS, "stent", "inner")
         line = np.where(np.isin(points.chain, with_dome), "dome", line)
-        part = part_of(scene.geometry, points.label, points.position)
     else:
-        names = {boundary.label: boundary.name for boundary in boundaries(scene)}
         line = points.chain.astype(str)
-        part = np.array([names[label] for label in points.label.tolist()])
+    part = part_of(scene, points.label, points.position)
     x, y = points.position.T
     return pd.DataFrame({"line": line, "arc": points.arc, "x": x, "y": y, "part": part})

@@ -83,7 +83,7 @@ def wall_points(mesh: RawMesh, labels: Collection[int]) -> WallPoints:
     tangent = mesh.vertices[end] - mesh.vertices[start]
     length = np.hypot(*tangent.T)
     arc = np.cumsum(length) - length / 2
-    first = np.concatenate([[True], np.diff(chain) > 0])
+    first = np.diff(chain, prepend=-1) > 0
     arc -= (arc - length / 2)[first][chain]
     return WallPoints(
         label=label.astype(np.int64),
@@ -160,6 +160,26 @@ def wall_shear_stress(points: WallPoints, state: RawState, fluid: Incompressible
     normal /= np.hypot(*normal.T)[:, None]
     traction = fluid.apparent_viscosity(shear_rate)[:, None] * np.einsum("nij,nj->ni", twice_rate, normal)
     return np.asarray(traction - np.einsum("ni,ni->n", traction, normal)[:, None] * normal)
+
+
+def at_nodes(points: WallPoints, values: Floats, n_p2: int) -> Floats:
+    """Return values along the walls at all P2 nodes: at a vertex the mean of its two edges, NaN off the walls.
+
+    Args:
+        points: of the walls.
+        values: (n,) or (n, k) at the points.
+        n_p2: number of P2 nodes.
+
+    Returns:
+        (n2,) or (n2, k) in the unit of the values.
+    """
+    total, count = np.zeros((n_p2, *values.shape[1:])), np.zeros(n_p2)
+    for nodes in (points.middle, *points.ends.T):
+        np.add.at(total, nodes, values)
+        np.add.at(count, nodes, 1.0)
+    shape = (-1, *[1] * (values.ndim - 1))
+    with np.errstate(invalid="ignore"):
+        return np.asarray(total / count.reshape(shape))
 
 
 def deformed_length(points: WallPoints, state: RawState) -> Floats:

@@ -141,7 +141,7 @@ def _in_time(result: Result) -> list[dict[str, str]]:
     if figure is None:
         return []
     words = f"; on the right the last {curves.ZOOMED} periods, grey: the last one" if period else ""
-    return [_image(figure, f"Over time: {time_line(result.data['time'])}{words}.")]
+    return [_image(figure, f"Over time: {time_line(result.data)}{words}.")]
 
 
 def _sweep(directory: Path) -> Section:

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ffsi.hemodynamics.state import AneurysmState
+from ffsi.hemodynamics.aneurysm import AneurysmState
 from ffsi.result import Result
 from ffsi.scene.fluids import IncompressibleFluid
 from ffsi.verification.bent_channel import BentFlow, bent_flow

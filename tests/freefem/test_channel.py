@@ -3,7 +3,9 @@
 from pathlib import Path
 from typing import Any
 
+import meshio
 import numpy as np
+import pandas as pd
 import pytest
 from conftest import scene_of
 
@@ -52,6 +54,21 @@ def test_the_walls_bear_the_pressure_drop(steady):
     assert values["drag_coefficient"] == pytest.approx(2 * values["drag"] / (DENSITY * MEAN**2 * HEIGHT), rel=1e-12)
 
 
+def test_the_wall_shear_stress_is_poiseuille_s(steady):
+    stress, values = 6 * VISCOSITY * MEAN / HEIGHT, steady.quantities
+    assert [values[f"wss_{what}_walls"] for what in ("mean", "max", "min")] == pytest.approx([stress] * 3, rel=1e-8)
+    assert values["flow_rate_in"] == pytest.approx(MEAN * HEIGHT, rel=1e-12)
+    assert abs(values["mass_balance"]) < 1e-12
+    wall = pd.read_csv(steady.directory / "wall.csv")
+    assert wall["wss_x"].to_numpy() == pytest.approx(stress, rel=1e-8)
+    np.testing.assert_allclose(wall["pressure"], SLOPE * (LENGTH - wall["x"]), atol=1e-8 * SLOPE * LENGTH)
+    written = meshio.read(steady.directory / "fields.vtu")
+    on = np.isin(written.points[:, 1], (0.0, HEIGHT))
+    field = written.point_data["wall_shear_stress"]
+    np.testing.assert_allclose(field[on, 0], stress, rtol=1e-8)
+    assert np.isnan(field[~on, :2]).all()
+
+
 def test_pictures_without_a_body(steady):
     assert {"velocity.png", "pressure.png", "fields.vtu"} <= {path.name for path in steady.directory.iterdir()}
     assert not (steady.directory / "displacement.png").exists()
@@ -85,6 +102,9 @@ def test_the_force_on_the_walls_in_time(scheme, tmp_path):
     result = ffsi.solve(channel(time=time, inflow={"mean_velocity": MEAN, "ramp": 0.04}), tmp_path / "run")
     assert result.status == "converged", result.reason
     assert result.data["check"]["drag_difference"] < 1e-9
+    last = result.data["time"]["last"]
+    assert abs(last["mass_balance"]) < 1e-11 and last["wss_mean_walls"] > 0
+    assert (result.directory / "wall.csv").is_file()
 
 
 def test_a_pulsating_flow_is_periodic_by_the_drag(tmp_path):

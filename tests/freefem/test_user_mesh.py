@@ -10,6 +10,7 @@ from pathlib import Path
 import gmsh
 import meshio
 import numpy as np
+import pandas as pd
 import pytest
 import tomli_w
 
@@ -116,6 +117,12 @@ def test_steady(vessel, tmp_path) -> None:
     assert data["quantities"]["tip_uy"] > 1e-6
     # The vessel's wall moves outwards by the pressure in it.
     assert data["quantities"]["pressure_drop"] > 0
+    # On the inner side of a bend the stress is larger than on the outer one, here that of the elastic wall.
+    mean = 6 * 3.5e-3 * 0.05 / 3e-3
+    assert 1.1 * mean > data["quantities"]["wss_mean_walls"] > data["quantities"]["wss_mean_wall"] > 0.8 * mean
+    assert abs(data["quantities"]["mass_balance"]) < 1e-12
+    assert set(pd.read_csv(out / "wall.csv")["part"]) == {"walls", "wall"}
+    assert "wall_shear_stress" in meshio.read(out / "fields.vtu").point_data
     assert {"velocity.png", "pressure.png", "displacement.png", "fields.vtu"} <= {path.name for path in out.iterdir()}
     # The folder is all that is needed from here on.
     assert run("check", out) == 0

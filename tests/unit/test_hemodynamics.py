@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 from run_folders import structured_mesh
 
+from ffsi.fields import Fields
 from ffsi.hemodynamics.flow import flow_rate
-from ffsi.hemodynamics.parts import over_parts, part_of
+from ffsi.hemodynamics.parts import over_parts, part_of, wall_frame
+from ffsi.hemodynamics.state import WallState, reports_walls
 from ffsi.hemodynamics.stress import cauchy_stress, effective_stress, von_mises
-from ffsi.hemodynamics.walls import deformed_length, wall_points, wall_shear_stress
+from ffsi.hemodynamics.walls import at_nodes, deformed_length, wall_points, wall_shear_stress
 from ffsi.rawfiles import RawMesh, RawState
-from ffsi.scene import CASES, Aneurysm
+from ffsi.scene import CASES, Aneurysm, Scene
 from ffsi.scene.fluids import Carreau, Casson, Newtonian, PowerLaw
 from ffsi.scene.materials import MooneyRivlin, NeoHookean, StVenantKirchhoff
 
@@ -120,6 +122,47 @@ def test_flow_rate_is_exact_for_quadratic_velocities() -> None:
     assert flow_rate(mesh, flow, 1) == pytest.approx(-3 * 0.5**3 / 6, rel=1e-14)
 
 
+def test_at_a_vertex_the_mean_of_its_edges_off_the_walls_nothing() -> None:
+    mesh = channel()
+    points = wall_points(mesh, [3])
+    nodal = at_nodes(points, np.column_stack([points.arc, np.full(6, 2.0)]), mesh.n_p2)
+    on = np.unique([points.middle, *points.ends.T])
+    assert np.isnan(np.delete(nodal, on, axis=0)).all()
+    at = np.clip(mesh.p2_coordinates[on, 0], points.arc[0], points.arc[-1])  # the outermost vertices have one edge
+    assert nodal[on] == pytest.approx(np.column_stack([at, np.full(13, 2.0)]))
+    assert at_nodes(points, np.where(points.arc < 0.5, np.inf, 1.0), mesh.n_p2)[on].max() == np.inf  # RRT
+
+
+# What is reported of a vessel ---------------------------------------------------------------------------------------
+
+
+def test_walls_are_reported_in_vessels_only() -> None:
+    assert {name for name, scene in CASES.items() if reports_walls(scene)} == {
+        "aneurysm", "aneurysm-carreau", "aneurysm-pulsatile",
+    }  # fmt: skip
+
+
+def test_one_state_of_a_channel() -> None:
+    scene = Scene.model_validate({
+        "name": "channel", "geometry": {"kind": "channel", "length": 2.0, "height": 0.5},
+        "fluid": {"density": 1000.0, "viscosity": 0.02}, "inflow": {"mean_velocity": 0.125},
+        "outlet": {"kind": "do-nothing"},
+    })  # fmt: skip
+    assert reports_walls(scene)
+    mesh = channel()
+    mesh = replace(mesh, label=np.where(mesh.label == 4, 3, mesh.label))
+    raw = state(mesh, poiseuille(mesh.p2_coordinates[:, 1]))
+    found = WallState(scene, mesh, raw, Fields.from_raw(mesh, raw))
+    assert found.quantities == {
+        "flow_rate_in": pytest.approx(0.0625), "flow_rate_out": pytest.approx(0.0625),
+        "mass_balance": pytest.approx(0, abs=1e-14),
+        **{f"wss_{what}_walls": pytest.approx(0.03) for what in ("mean", "max", "min")},
+    }  # fmt: skip
+    assert set(found.wall["part"]) == {"walls"} and set(found.wall["line"]) == {"0", "1"}
+    assert np.nanmax(np.hypot(*found.point_data["wall_shear_stress"].T)) == pytest.approx(0.03)
+    assert len(wall_frame(scene, wall_points(mesh, [20]))) == 0  # no such wall
+
+
 # Effective stress ---------------------------------------------------------------------------------------------------
 
 LAWS = (
@@ -197,7 +240,7 @@ def test_parts() -> None:
     start = np.array(geometry.neck[0])
     place = np.array([[-0.006, 0.0], start + 3e-4, start + 5e-4, [-7.7e-3, 6.5e-3], start])
     label = np.array([13, 14, 14, 15, 20])
-    assert part_of(geometry, label, place).tolist() == ["vessel", "neck", "vessel", "dome", "stent"]
+    assert part_of(CASES["aneurysm"], label, place).tolist() == ["vessel", "neck", "vessel", "dome", "stent"]
 
 
 def test_over_parts_weighs_by_length_and_cuts_edges() -> None:
@@ -207,7 +250,7 @@ def test_over_parts_weighs_by_length_and_cuts_edges() -> None:
     scaled = replace(mesh, vertices=1e-3 * mesh.vertices + np.array(geometry.neck[0]), label=mesh.label + 11)
     points = wall_points(scaled, [14])
     end = geometry.neck_length / 4  # of the neck's zone, within an edge
-    found = over_parts(geometry, points, points.arc, points.length)
+    found = over_parts(CASES["aneurysm"], points, points.arc, points.length)
     assert set(found) == {"neck", "vessel"}
     first = points.arc[0]  # before the outermost point the curve is constant
     assert found["neck"]["mean"] == pytest.approx((first**2 + (end**2 - first**2) / 2) / end, rel=0.01)

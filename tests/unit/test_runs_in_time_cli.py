@@ -21,6 +21,7 @@ from ffsi.freefem import FreeFEMError, parse_event
 from ffsi.progress import ProgressDisplay
 from ffsi.report import curves, figures, write_report
 from ffsi.report.animation import write_animation
+from ffsi.show import time_line
 
 
 @pytest.fixture(autouse=True)
@@ -50,6 +51,17 @@ def test_run_prints_the_last_period_and_compares_it(capsys, in_time, check, scen
     assert "quantity over the last period" in out
     assert re.search(r"tip_uy_frequency +1\S* +Hz", out)
     assert "t = 3 of 3 s, 60 steps, not periodic (tip_uy: " in out
+
+
+def test_cycles_are_compared_with_each_other_instead_of_periods():
+    in_time = {"reached": 4.0, "end": 4.0, "steps": 400, "periodic": False, "why_not": "tip_uy: 3 full periods found"}
+    cycles = [{"number": 3}, {"number": 4, "tawss_change": 6.25e-8}]
+    differ = "TAWSS of cycle 4 differs by 6.2e-08 from the cycle before"
+    assert time_line({"time": in_time, "cycles": cycles}) == f"t = 4 of 4 s, 400 steps, {differ}"
+    assert time_line({"time": in_time | {"periodic": True}, "cycles": cycles}).endswith(f"periodic, {differ}")
+    for none in (cycles[:1], [], None):
+        line = time_line({"time": in_time, "cycles": none})
+        assert line.endswith("400 steps, not periodic (tip_uy: 3 full periods found)")
 
 
 def test_run_without_a_period_prints_the_last_state(capsys, in_time, check, scene_file):
