@@ -101,13 +101,17 @@ def draw(results: Mapping[AneurysmVariant, Result]) -> dict[str, Figure]:
     if steady:
         panels = [("wss", "wall shear stress (Pa)"), ("pressure", "pressure (Pa)")]
         found["aneurysm-steady-walls"] = walls.along_walls(
-            {name: table for name, table in steady.items() if table is not None},
+            {name: walls.outer_wall(table) for name, table in steady.items() if table is not None},
             panels,
             "Steady flow, peak velocity 0.05 m/s",
             logarithmic=True,
         )
     cycles = {variant.label: result.wall for variant, result in results.items() if variant.pulsatile}
-    last = {name: table[table["cycle"] == table["cycle"].max()] for name, table in cycles.items() if table is not None}
+    last = {
+        name: walls.outer_wall(table[table["cycle"] == table["cycle"].max()])
+        for name, table in cycles.items()
+        if table is not None
+    }
     if last:
         panels = [("tawss", "TAWSS (Pa)"), ("osi", "OSI"), ("rrt", "RRT (1/Pa)")]
         found["aneurysm-cycle-walls"] = walls.along_walls(last, panels, "Last cycle at 84 beats per minute", True)

@@ -18,7 +18,8 @@ from ffsi import folder
 from ffsi.folder import InputError
 from ffsi.references import references_for
 from ffsi.render import package_version
-from ffsi.report import curves, figures, formulas
+from ffsi.report import blood, curves, figures, formulas
+from ffsi.report.tables import Rows, cell, with_unit
 from ffsi.result import Result, flatten, load_result, load_results, published_value, unit
 from ffsi.show import time_line
 from ffsi.unsteady import last_period, with_coefficients
@@ -34,15 +35,6 @@ CHECK_TEXT = (
     "Recomputed from the raw unknowns by a second implementation that shares no code with the FreeFEM script: "
     "relative residuals of every equation, and relative differences of the forces."
 )
-
-
-@dataclass
-class Rows:
-    """A table of text; `numeric` says which columns are aligned to the right."""
-
-    head: Sequence[str]
-    body: list[list[str]]
-    numeric: Sequence[bool]
 
 
 @dataclass
@@ -63,6 +55,8 @@ class Section:
     timings: Rows | None = None
     points: Rows | None = None
     pictures: list[dict[str, str]] = field(default_factory=list)
+    walls: list[dict[str, str]] = field(default_factory=list)
+    wall_tables: list[tuple[str, Rows]] = field(default_factory=list)
     curves: list[dict[str, str]] = field(default_factory=list)
     newton: list[dict[str, str]] = field(default_factory=list)
     remarks: list[formulas.Remark] = field(default_factory=list)
@@ -111,7 +105,7 @@ def _run(result: Result) -> Section:
         size=_size(data),
         reason=result.reason,
         quantities=_quantities(result),
-        parameters=_pairs(("key", "value"), result.parameters),
+        parameters=_pairs(("key", "value"), _parameters(result)),
         check=_pairs(
             ("relative", "value"), {key: _sign(value) for key, value in data["check"].items() if value is not None}
         ),
@@ -121,6 +115,8 @@ def _run(result: Result) -> Section:
     )
     if result.state_file is not None:
         section.pictures = [_image(result.picture(name), CAPTIONS[name]) for name in figures.available(result.fields)]
+        section.walls = [_image(figure, caption) for figure, caption in blood.pictures(result)]
+        section.wall_tables = _wall_tables(result)
     if result.scene.time is not None:
         section.curves = _in_time(result)
         section.quantities_title = f"Quantities {result.shown_quantities[0]}"
@@ -129,6 +125,15 @@ def _run(result: Result) -> Section:
     ) is not None:
         section.newton = [_image(history, _newton_text(data))]
     return section
+
+
+def _wall_tables(result: Result) -> list[tuple[str, Rows]]:
+    found = [blood.part_table(result)]
+    if (cycles := blood.cycle_table(result)) is not None:
+        found.append(("Cycles", cycles))
+    if (flow := blood.flow_table(result)) is not None:
+        found.append((f"Flow at t = {result.data['time']['reached']:g} s", flow))
+    return [table for table in found if table is not None]
 
 
 def _in_time(result: Result) -> list[dict[str, str]]:
@@ -190,12 +195,13 @@ def _points(table: pd.DataFrame, keys: Sequence[str]) -> Rows:
     wanted += [*(name for name in jacobians if not name.endswith(("_x", "_y"))), "check_maximum", "seconds"]
     columns = [name for name in dict.fromkeys(wanted) if name in table and table[name].notna().any()]
     forms = {"check_maximum": ".1e", "seconds": ".1f"}
-    body = [[_cell(line[name], forms.get(name, ".6g")) for name in columns] for _, line in table.iterrows()]
+    body = [[cell(line[name], forms.get(name, ".6g")) for name in columns] for _, line in table.iterrows()]
     return Rows([_head(name) for name in columns], body, [name != "status" for name in columns])
 
 
 def _quantities(result: Result) -> Rows | None:
     when, values = result.shown_quantities
+    values = {name: value for name, value in values.items() if not blood.of_a_part(name)}
     if not values:
         return None
     published = {} if when.startswith("at") else references_for(result.scene)
@@ -212,6 +218,15 @@ def _quantities(result: Result) -> Rows | None:
             ]  # fmt: skip
         body.append(cells)
     return Rows(head, body, numeric)
+
+
+def _parameters(result: Result) -> dict[str, Any]:
+    """Return every word and number that defines the run, in the order of the scene's tables."""
+    found = {**result.scene.words(), **result.parameters}
+    tables = [*type(result.scene).model_fields, *(key.partition(".")[0] for key in found)]
+    groups = list(dict.fromkeys(key.rpartition(".")[0] for key in found))
+    place = {key: (tables.index(key.partition(".")[0]), groups.index(key.rpartition(".")[0])) for key in found}
+    return {key: found[key] for key in sorted(found, key=lambda key: place[key])}
 
 
 def _timings(data: Mapping[str, Any]) -> Rows | None:
@@ -231,7 +246,7 @@ def _pairs(head: tuple[str, str], values: Mapping[str, Any]) -> Rows | None:
         Rows(
             head,
             [
-                [key.replace("_", " ") if head[0] == "relative" else key, _cell(value, ".10g")]
+                [key.replace("_", " ") if head[0] == "relative" else key, cell(value, ".10g")]
                 for key, value in values.items()
             ],
             [False, True],
@@ -280,15 +295,8 @@ def _image(figure: Figure, caption: str) -> dict[str, str]:
 
 
 def _head(name: str) -> str:
-    named = unit(name)
-    return f"{name.replace('_', ' ')} ({named})" if named != "1" else name.replace("_", " ")
+    return with_unit(name.replace("_", " "), name)
 
 
 def _sign(value: float) -> str:
     return f"{value:.1e}"
-
-
-def _cell(value: Any, form: str) -> str:
-    if value is None or (isinstance(value, float) and pd.isna(value)):
-        return ""
-    return format(value, form) if isinstance(value, (int, float)) and not isinstance(value, bool) else str(value)

@@ -1,4 +1,4 @@
-"""Pictures of an aneurysm: its mesh, the stress in its walls, curves along them."""
+"""Pictures of vessels: their mesh, the stress in their walls, curves along them."""
 
 from __future__ import annotations
 
@@ -71,29 +71,40 @@ def velocity_within(fields: Fields, window: tuple[FloatArray, FloatArray], title
     return velocity(part, title, Scale(0.0, top, window))
 
 
+OUTER_WALL = "distance along the outer wall from the inlet (mm); grey: dome, beige: neck"
+
+
+def outer_wall(table: pd.DataFrame) -> pd.DataFrame:
+    """Return the rows of `Result.wall` on an aneurysm's outer wall, from the inlet through the dome to the outlet."""
+    return table[table["line"] == "dome"]
+
+
 def along_walls(
-    tables: Mapping[str, pd.DataFrame], panels: Sequence[tuple[str, str]], title: str = "", logarithmic: bool = False
+    tables: Mapping[str, pd.DataFrame],
+    panels: Sequence[tuple[str, str]],
+    title: str = "",
+    logarithmic: bool = False,
+    along: str = OUTER_WALL,
 ) -> Figure:
-    """Draw quantities along the outer wall of an aneurysm, from the inlet through the dome to the outlet.
+    """Draw quantities along walls over their arc length.
 
     Args:
-        tables: those of `Result.wall` by their name in the legend, one cycle each.
+        tables: rows of `Result.wall` on one line, in one cycle, by their name in the legend; a single one needs none.
         panels: column and axis label of each panel.
         title: heading.
         logarithmic: whether the first panel's axis is.
+        along: label of the arc length, mm; the default is that of `outer_wall`, whose parts are shaded.
     """
     figure = Figure(figsize=(9.0, 0.9 + 2.9 * len(panels)), layout="constrained", facecolor="white")
     grid = np.atleast_1d(figure.subplots(len(panels), 1, sharex=True))
     for axes, (column, label) in zip(grid, panels, strict=True):
-        for i, (name, table) in enumerate(tables.items()):
-            shown = table[table["line"] == "dome"]
+        for i, (name, shown) in enumerate(tables.items()):
             axes.plot(
                 1e3 * shown["arc"], shown[column], color=LINES[i % len(LINES)], linewidth=1.3, label=name,
                 linestyle=("-", "--", "-.", ":")[i % 4],
             )  # fmt: skip
         first = next(iter(tables.values()))
-        first = first[first["line"] == "dome"]
-        for part, shade in (("dome", "#eef2f6"), ("neck", "#f7efe6")):
+        for part, shade in (("dome", "#eef2f6"), ("neck", "#f7efe6")) if along == OUTER_WALL else ():
             for start, end in _stretches(first, part):
                 axes.axvspan(1e3 * start, 1e3 * end, color=shade, zorder=0)
         axes.set_ylabel(label, color=INK)
@@ -104,11 +115,12 @@ def along_walls(
     if logarithmic:
         grid[0].set_yscale("log")
     grid[0].set_title(title, loc="left", fontsize=11, color=INK)
-    grid[-1].set_xlabel("distance along the outer wall from the inlet (mm); grey: dome, beige: neck", color=INK)
-    figure.legend(
-        *grid[0].get_legend_handles_labels(), loc="outside lower center", ncols=4, frameon=False, fontsize=9,
-        labelcolor=INK,
-    )  # fmt: skip
+    grid[-1].set_xlabel(along, color=INK)
+    if len(tables) > 1:
+        figure.legend(
+            *grid[0].get_legend_handles_labels(), loc="outside lower center", ncols=4, frameon=False, fontsize=9,
+            labelcolor=INK,
+        )  # fmt: skip
     return figure
 
 

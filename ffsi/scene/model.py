@@ -289,7 +289,16 @@ class Scene(Table):
 
     def parameters(self) -> dict[str, int | float]:
         """Return every number of the scene by its dotted key, in SI, in the scene's order."""
-        return dict(_numbers(self.model_dump()))
+        found = {}
+        for key, value in _leaves(self.model_dump()):
+            if isinstance(value, int | float) and not isinstance(value, bool):
+                found[key] = value
+        return found
+
+    def words(self) -> dict[str, str]:
+        """Return every word and formula of the scene by its dotted key, but not its name and description."""
+        table = self.model_dump(exclude={"name", "description"})
+        return {key: value for key, value in _leaves(table) if isinstance(value, str)}
 
     # TOML ---------------------------------------------------------------------------------------------------------
 
@@ -321,10 +330,11 @@ def _unknown_solid(name: str, geometry: GeometryBase) -> Problem:
     return Problem(name, f'unknown solid; the geometry "{kind}" holds {holds}', None, guess and f"solid.{guess}")
 
 
-def _numbers(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, int | float]]:
+def _leaves(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield every value of nested tables with its dotted key."""
     for name, value in table.items():
         key = join(prefix, name)
         if isinstance(value, Mapping):
-            yield from _numbers(value, key)
-        elif isinstance(value, int | float) and not isinstance(value, bool):
+            yield from _leaves(value, key)
+        else:
             yield key, value

@@ -17,6 +17,7 @@ import ffsi
 from ffsi.hemodynamics.indices import read_cycle
 from ffsi.hemodynamics.walls import wall_labels, wall_points, wall_shear_stress
 from ffsi.rawfiles import read_mesh, read_state
+from ffsi.report import write_report
 from ffsi.result import Result
 from ffsi.run import solve
 from ffsi.scene import CASES, Scene
@@ -120,6 +121,14 @@ def test_elastic_walls(tmp_path: Path) -> None:
     assert np.nanmax(stress) >= found["wss_max_vessel"]
     assert written.point_data["effective_stress"].max() >= found["effective_stress_max"]
     assert (tmp_path / "run" / "wall.csv").is_file()
+    write_report([tmp_path / "run"], tmp_path / "report.html")
+    text = (tmp_path / "report.html").read_text()
+    for shown in (
+        "Wall shear stress and pressure along the outer wall",
+        "Effective stress (von Mises)",
+        "turnover_time",
+    ):
+        assert shown in text
 
 
 def test_wall_shear_stress_of_a_carreau_fluid_balances_the_pressure(tmp_path: Path) -> None:
