@@ -17,6 +17,7 @@ from ffsi.report.figures import FAINT, INK, Scale, canvas, colour_bar, outline, 
 FLUID_COLOUR = "#c7dbef"
 WALL_COLOURS = ("#d98c86", "#8fbf8a")  # of the vessel and of the dome: red and green, as in the paper's figure
 _MARGIN = 0.1
+_FLAT = 1e-4
 
 
 def mesh_picture(fields: Fields, title: str = "") -> Figure:
@@ -110,6 +111,10 @@ def along_walls(
         axes.set_ylabel(label, color=INK)
         axes.tick_params(colors=INK, labelsize=9, width=0.6)
         axes.margins(x=0)
+        low, high = axes.get_ylim()
+        if high - low < _FLAT * max(abs(low), abs(high)):  # constant up to rounding
+            middle = (low + high) / 2
+            axes.set_ylim(middle - 0.1 * abs(middle), middle + 0.1 * abs(middle))
         for side in ("top", "right"):
             axes.spines[side].set_visible(False)
     if logarithmic:

@@ -107,6 +107,7 @@ def test_each_line_of_the_walls_has_a_curve(tmp_path: Path) -> None:
     stress, pressure = figure.axes
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["0: walls", "1: walls"]
     assert [line.get_ydata() for line in stress.lines] == [pytest.approx(0.03)] * 2
+    assert stress.get_ylim() == pytest.approx((0.027, 0.033))  # no picture of rounding
     assert pressure.get_xlabel() == "distance along each wall in its direction, the fluid to the left (mm)"
 
 
