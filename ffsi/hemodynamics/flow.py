@@ -48,7 +48,7 @@ class DomeFlow:
 
 
 def dome_flow(geometry: Aneurysm, mesh: RawMesh, state: RawState, fields: Fields) -> DomeFlow:
-    """Return the flow through the line between the neck's ends, on the deformed mesh.
+    """Return the flow through the neck: the line of the material points that lie straight between its ends at rest.
 
     Args:
         geometry: the aneurysm.
