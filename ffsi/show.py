@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -112,11 +113,15 @@ def summary(done: Result) -> list[str]:
 
 
 def material_line(name: str, solid: Elastic) -> str:
-    """Return the material of a solid with its elastic constants at rest, converted from those that the scene gives."""
+    """Return the material of a solid with its elastic constants at rest, converted from those that the scene gives.
+
+    Those of an incompressible solid that are infinite are left out.
+    """
     symbols = {"young_modulus": "E", "poisson_ratio": "ν", "lame_lambda": "λ", "lame_mu": "μ", "bulk_modulus": "K"}
     constants = ", ".join(
         f"{symbols[key]} {value:.5g}{'' if key == 'poisson_ratio' else ' Pa'}"
         for key, value in solid.elastic_constants.items()
+        if math.isfinite(value)
     )
     return f"{name}: {getattr(solid, 'material', 'solid')}, {constants}"
 

@@ -11,6 +11,7 @@ from run_folders import make_run
 from ffsi import run, show
 from ffsi.cli import main
 from ffsi.freefem import FreeFEMNotFound
+from ffsi.scene import CASES
 
 LEVEL = ["--set", "mesh.level=0"]
 SWEEP = ["sweep", "flap-svk", "--out", "s"]
@@ -238,3 +239,9 @@ def test_a_case_with_published_values_shows_them_unless_its_physics_is_changed(c
     _, out, _ = call(capsys, "run", "turek-fsi1", *LEVEL, "--set", "inflow.mean_velocity=0.3")
     assert "14.29426" not in out
     assert re.search(r"drag +0\.6 +N/m", out)
+
+
+def test_an_incompressible_material_is_shown_without_infinite_constants():
+    line = show.material_line("dome", CASES["aneurysm"].solid["dome"])
+    assert line.startswith("dome: neo-hookean, E 1e+05 Pa, ν 0.5, μ ")
+    assert "inf" not in line
