@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ffsi.hemodynamics.flow import dome_flow
 from ffsi.hemodynamics.state import WallState
-from ffsi.hemodynamics.stress import effective_stress
+from ffsi.hemodynamics.stress import effective_stress, largest_beyond
 from ffsi.scene.boundaries import DOME_WALL
 from ffsi.scene.geometry import Aneurysm
 
@@ -39,8 +39,10 @@ class AneurysmState(WallState):
         if np.isfinite(flow.turnover_time):
             found["turnover_time"] = flow.turnover_time
         if self.scene.solid:
-            away = ~near_corners(self.geometry, self.mesh.p2_coordinates)
-            largest = {name: float(np.nanmax(values[away])) for name, values in self.effective_stress.items()}
+            largest = {
+                name: largest_beyond(self.mesh, values, partial(beyond_corners, self.geometry))
+                for name, values in self.effective_stress.items()
+            }
             found["effective_stress_max"] = max(largest.values())
             found |= {f"effective_stress_max_{name}": value for name, value in largest.items()}
             dome = self.state.u[self.points.middle[self.points.label == DOME_WALL]]
@@ -56,14 +58,12 @@ class AneurysmState(WallState):
         return found
 
 
-def near_corners(geometry: Aneurysm, position: Floats) -> NDArray[np.bool_]:
-    """Return which reference points (n, 2) are nearer to a corner than twice the vessel's wall is thick.
+def beyond_corners(geometry: Aneurysm, position: Floats) -> Floats:
+    """Return how much farther than twice the thickness of the vessel's wall reference points (..., 2) are from corners.
 
     Corners are the clamped end faces, the neck's ends and where the dome's wall meets the vessel's: there the stress is
     singular.
     """
-    radius = 2 * geometry.wall_thickness
-    near = (-position[:, 0] < radius) | (position[:, 1] < radius)
-    for corner in geometry.corners:
-        near |= np.hypot(*(position - np.array(corner)).T) < radius
-    return np.asarray(near)
+    x, y = np.moveaxis(position, -1, 0)
+    distances = [-x, y, *(np.hypot(x - corner[0], y - corner[1]) for corner in geometry.corners)]
+    return np.asarray(np.min(distances, axis=0) - 2 * geometry.wall_thickness)

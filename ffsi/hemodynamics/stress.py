@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,6 +15,8 @@ Floats = NDArray[np.float64]
 
 # Barycentric coordinates of the nodes of a quadratic triangle: vertices, then the middles opposite to them.
 _NODES = np.array([[1, 0, 0], [0, 1, 0], [0, 0, 1], [0, 0.5, 0.5], [0.5, 0, 0.5], [0.5, 0.5, 0]])
+_SIDES = np.array([[1, 3, 2], [2, 4, 0], [0, 5, 1]])  # start, middle and end of its edges
+_PIECES = 20  # of an edge, in which the end of a zone is looked for
 
 
 def cauchy_stress(law: Elastic, gradient: Floats, pressure: Floats | None = None) -> Floats:
@@ -90,6 +94,37 @@ def effective_stress(scene: Scene, mesh: RawMesh, state: RawState) -> dict[str, 
         with np.errstate(invalid="ignore"):
             found[name] = summed / np.where(total > 0, total, np.nan)
     return found
+
+
+def largest_beyond(mesh: RawMesh, values: Floats, beyond: Callable[[Floats], Floats]) -> float:
+    """Return the largest value on those parts of the triangles' edges that lie beyond a zone.
+
+    Towards a corner the stress rises up to the zone's end: the largest value at a node would depend on how near to it a
+    node happens to lie. So edges are cut there.
+
+    Args:
+        mesh: the reference mesh.
+        values: (n2,) at the P2 nodes, quadratic along an edge; NaN outside of a solid.
+        beyond: how far beyond the zone's end reference points (..., 2) are; negative in the zone.
+    """
+    nodes = mesh.p2[np.isfinite(values[mesh.p2]).all(axis=1)]
+    edge = nodes[:, _SIDES].reshape(-1, 3)
+    position, at = mesh.p2_coordinates, values[edge]
+    share = np.linspace(0, 1, _PIECES + 1)
+    distance = beyond(position[edge[:, :1]] + share[:, None] * (position[edge[:, 2:]] - position[edge[:, :1]]))
+    found = _along(at[:, None], share)[distance >= 0]
+    number, piece = np.nonzero(distance[:, :-1] * distance[:, 1:] < 0)
+    first, last = distance[number, piece], distance[number, piece + 1]
+    crossing = _along(at[number], share[piece] + first / (first - last) / _PIECES)
+    return float(np.concatenate([found, crossing]).max())
+
+
+def _along(at: Floats, share: Floats) -> Floats:
+    """Return the quadratic function with values (..., 3) at start, middle and end of an edge, at shares of its length."""
+    start, middle, end = np.moveaxis(at, -1, 0)
+    return np.asarray(
+        start * (1 - share) * (1 - 2 * share) + 4 * middle * share * (1 - share) + end * share * (2 * share - 1)
+    )
 
 
 def _node_gradients(corners: Floats) -> tuple[Floats, Floats]:
