@@ -120,7 +120,7 @@ def largest_beyond(mesh: RawMesh, values: Floats, beyond: Callable[[Floats], Flo
 
 
 def _along(at: Floats, share: Floats) -> Floats:
-    """Return the quadratic function with values (..., 3) at start, middle and end of an edge, at shares of its length."""
+    """Return the quadratic function with values (..., 3) at start, middle and end of an edge, at shares of it."""
     start, middle, end = np.moveaxis(at, -1, 0)
     return np.asarray(
         start * (1 - share) * (1 - 2 * share) + 4 * middle * share * (1 - share) + end * share * (2 * share - 1)
