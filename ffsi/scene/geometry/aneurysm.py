@@ -46,7 +46,7 @@ class Aneurysm(ChannelGeometry):
 
     # Level 2: two elements through the walls.
     default_sizes: ClassVar[ElementSizes] = ElementSizes(
-        growth=0.3, far_size=1.0e-3, body_size=0.44e-3, corner_size=0.14e-3
+        growth=0.3, far_size=1.0e-3, body_size=0.44e-3, corner_size=0.015e-3
     )
 
     kind: Literal["aneurysm"] = Field("aneurysm", description="name of the geometry")
