@@ -7,10 +7,11 @@ import pytest
 from run_folders import structured_mesh
 
 from ffsi.fields import Fields
+from ffsi.hemodynamics.aneurysm import beyond_corners
 from ffsi.hemodynamics.flow import flow_rate
 from ffsi.hemodynamics.parts import over_parts, part_of, wall_frame
 from ffsi.hemodynamics.state import WallState, reports_walls
-from ffsi.hemodynamics.stress import cauchy_stress, effective_stress, von_mises
+from ffsi.hemodynamics.stress import cauchy_stress, effective_stress, largest_beyond, von_mises
 from ffsi.hemodynamics.walls import at_nodes, deformed_length, wall_points, wall_shear_stress
 from ffsi.rawfiles import RawMesh, RawState
 from ffsi.scene import CASES, Aneurysm, Scene
@@ -257,3 +258,21 @@ def test_over_parts_weighs_by_length_and_cuts_edges() -> None:
     assert found["vessel"]["mean"] == pytest.approx((end + 2e-3) / 2, rel=0.01)
     assert found["vessel"]["max"] == points.arc[-1]
     assert found["neck"]["min"] == points.arc[0]
+
+
+def test_the_largest_stress_is_taken_up_to_the_zone_s_end() -> None:
+    """A field that falls quadratically away from x = 0, cut between two nodes; one that is largest inside an edge."""
+    mesh = structured_mesh(5, 2, 2.0, 0.5)
+    x = mesh.p2_coordinates[:, 0]
+    end = 0.537
+    assert largest_beyond(mesh, (2 - x) ** 2, lambda at: at[..., 0] - end) == pytest.approx((2 - end) ** 2, rel=1e-12)
+    # Nodes of the solid are 0.2 apart: nearest to the top are 0.8 and 1.
+    assert largest_beyond(mesh, 3 - (x - 0.9) ** 2, lambda at: at[..., 0]) == pytest.approx(3, rel=1e-4)
+    with_fluid = np.where(x > 1.5, np.nan, x)
+    assert largest_beyond(mesh, with_fluid, lambda at: at[..., 0]) < 1.5
+
+
+def test_where_the_zone_around_corners_ends() -> None:
+    geometry = Aneurysm()
+    at = np.array([[-0.4e-3, 8e-3], [-8e-3, 0.6e-3], np.add(geometry.corners[3], [0.0, 0.5e-3])])
+    assert beyond_corners(geometry, at) == pytest.approx([-0.1e-3, 0.1e-3, 0.0], abs=1e-12)
