@@ -44,7 +44,7 @@ class Aneurysm(ChannelGeometry):
     also beside the dome; ``dome`` is the wall around the dome outside of that.
     """
 
-    # Level 2: two elements through the walls.
+    # Level 2: two elements through the walls. The corner is the singular one of the flow at the neck's ends.
     default_sizes: ClassVar[ElementSizes] = ElementSizes(
         growth=0.3, far_size=1.0e-3, body_size=0.44e-3, corner_size=0.015e-3
     )
