@@ -34,7 +34,7 @@ class AneurysmState(WallState):
     def quantities(self) -> dict[str, float]:
         """Those of every flow with walls, largest effective stress, flow into the dome; in SI."""
         found = super().quantities
-        flow = dome_flow(self.geometry, self.mesh, self.state, self.fields)
+        flow = dome_flow(self.mesh, self.state, self.fields)
         found |= {"dome_inflow": flow.inflow, "dome_area": flow.area}
         if np.isfinite(flow.turnover_time):
             found["turnover_time"] = flow.turnover_time

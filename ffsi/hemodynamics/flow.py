@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,6 @@ from ffsi.fields import Fields
 from ffsi.hemodynamics.walls import wall_points
 from ffsi.rawfiles import RawMesh, RawState
 from ffsi.scene.boundaries import DOME_WALL, INLET, OUTLET
-from ffsi.scene.geometry import Aneurysm
 
 Floats = NDArray[np.float64]
 _NECK_POINTS = 2001
@@ -47,30 +46,27 @@ class DomeFlow:
         return self.area / self.inflow if self.inflow > 0 else np.inf
 
 
-def dome_flow(geometry: Aneurysm, mesh: RawMesh, state: RawState, fields: Fields) -> DomeFlow:
-    """Return the flow through the neck: the line of the material points that lie straight between its ends at rest.
+def dome_flow(mesh: RawMesh, state: RawState, fields: Fields) -> DomeFlow:
+    """Return the flow through the straight line between the neck's ends, where the deformed walls have them.
+
+    The line must not move with the mesh: how the mesh follows the walls is no part of the flow.
 
     Args:
-        geometry: the aneurysm.
-        mesh: the reference mesh.
+        mesh: the reference mesh of an aneurysm.
         state: the unknowns.
         fields: the same unknowns as fields.
     """
-    start, end = np.array(geometry.neck)
-    share = np.linspace(0, 1, _NECK_POINTS)[:, None]
-    line = start + share * (end - start)
-    found = fields.sample(line)
-    # Within a strut nothing flows; the ends lie on the mesh up to rounding.
-    velocity, shift = (np.nan_to_num(np.column_stack([found[x], found[y]])) for x, y in (("vx", "vy"), ("ux", "uy")))
-    moved = line + shift
-    step = np.diff(moved, axis=0)
-    mean = (velocity[1:] + velocity[:-1]) / 2
-    through = (
-        mean[:, 0] * step[:, 1] - mean[:, 1] * step[:, 0]
-    )  # from upstream to downstream the dome lies to the right
     dome = wall_points(mesh, [DOME_WALL])
-    outline = (mesh.p2_coordinates + state.u)[np.column_stack([dome.ends[:, 0], dome.middle]).ravel()]
-    closed = np.concatenate([outline, moved[::-1]])
-    x, y = closed.T
+    at = mesh.p2_coordinates + state.u
+    start, end = at[dome.ends[0, 0]], at[dome.ends[-1, 1]]
+    share = np.linspace(0, 1, _NECK_POINTS)[:, None]
+    found = replace(fields, points=fields.deformed).sample(start + share * (end - start))
+    # Within a strut nothing flows; the ends lie on the mesh up to rounding.
+    velocity = np.nan_to_num(np.column_stack([found["vx"], found["vy"]]))
+    mean = (velocity[1:] + velocity[:-1]) / 2
+    step = (end - start) / (_NECK_POINTS - 1)
+    through = mean[:, 0] * step[1] - mean[:, 1] * step[0]  # from upstream to downstream the dome lies to the right
+    outline = at[np.column_stack([dome.ends[:, 0], dome.middle]).ravel()]
+    x, y = np.concatenate([outline, end[None]]).T
     area = abs(float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))) / 2
     return DomeFlow(float(np.maximum(through, 0).sum()), area)

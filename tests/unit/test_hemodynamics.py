@@ -8,7 +8,7 @@ from run_folders import structured_mesh
 
 from ffsi.fields import Fields
 from ffsi.hemodynamics.aneurysm import beyond_corners
-from ffsi.hemodynamics.flow import flow_rate
+from ffsi.hemodynamics.flow import dome_flow, flow_rate
 from ffsi.hemodynamics.parts import over_parts, part_of, wall_frame
 from ffsi.hemodynamics.state import WallState, reports_walls
 from ffsi.hemodynamics.stress import cauchy_stress, effective_stress, largest_beyond, von_mises
@@ -276,3 +276,18 @@ def test_where_the_zone_around_corners_ends() -> None:
     geometry = Aneurysm()
     at = np.array([[-0.4e-3, 8e-3], [-8e-3, 0.6e-3], np.add(geometry.corners[3], [0.0, 0.5e-3])])
     assert beyond_corners(geometry, at) == pytest.approx([-0.1e-3, 0.1e-3, 0.0], abs=1e-12)
+
+
+def test_flow_into_the_dome_does_not_depend_on_how_the_mesh_moves() -> None:
+    """The dome is the upper half of a rectangle; velocity (0, x + y) where the nodes are, which move inside only."""
+    mesh = channel(16, 8)
+    upper = mesh.vertices[mesh.edges].mean(axis=1)[:, 1] > 0.25
+    mesh = replace(mesh, label=np.where(upper, 15, 3))
+    at = mesh.p2_coordinates
+    for size in (0.0, 1.0):
+        shift = size * np.sin(np.pi * at[:, 0] / 2) ** 2 * at[:, 1] * (0.5 - at[:, 1])
+        moved = state(mesh, np.zeros_like(at), np.column_stack([0 * shift, shift]))
+        moved.v[:, 1] = at[:, 0] + at[:, 1] + shift
+        flow = dome_flow(mesh, moved, Fields.from_raw(mesh, moved))
+        assert flow.area == pytest.approx(0.5)
+        assert flow.inflow == pytest.approx(2.5, rel=2e-3)
