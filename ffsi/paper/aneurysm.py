@@ -104,7 +104,7 @@ def draw(results: Mapping[AneurysmVariant, Result]) -> dict[str, Figure]:
             {name: walls.outer_wall(table) for name, table in steady.items() if table is not None},
             panels,
             "Steady flow, peak velocity 0.05 m/s",
-            logarithmic=True,
+            logarithmic=walls.OVER_DECADES,
         )
     cycles = {variant.label: result.wall for variant, result in results.items() if variant.pulsatile}
     last = {
@@ -114,7 +114,9 @@ def draw(results: Mapping[AneurysmVariant, Result]) -> dict[str, Figure]:
     }
     if last:
         panels = [("tawss", "TAWSS (Pa)"), ("osi", "OSI"), ("rrt", "RRT (1/Pa)")]
-        found["aneurysm-cycle-walls"] = walls.along_walls(last, panels, "Last cycle at 84 beats per minute", True)
+        found["aneurysm-cycle-walls"] = walls.along_walls(
+            last, panels, "Last cycle at 84 beats per minute", walls.OVER_DECADES
+        )
     return found
 
 

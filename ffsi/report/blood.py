@@ -40,7 +40,7 @@ def _curves(result: Result) -> list[tuple[Figure, str]]:
         text = "Wall shear stress and pressure" + (f" at t = {in_time['reached']:g} s" if in_time else "")
     outer = walls.outer_wall(table)
     if not outer.empty:
-        figure = walls.along_walls({"": outer}, panels, result.title, logarithmic=True)
+        figure = walls.along_walls({"": outer}, panels, result.title, logarithmic=walls.OVER_DECADES)
         return [(figure, f"{text} along the outer wall, over the reference arc length; all walls: wall.csv.")]
     lines = {
         f"{line}: {', '.join(dict.fromkeys(part['part']))}": part for line, part in table.groupby("line", sort=False)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -72,6 +72,8 @@ def velocity_within(fields: Fields, window: tuple[FloatArray, FloatArray], title
     return velocity(part, title, Scale(0.0, top, window))
 
 
+OVER_DECADES = ("wss", "tawss", "rrt")
+"""Columns of `Result.wall` whose values on an aneurysm's walls span decades."""
 OUTER_WALL = "distance along the outer wall from the inlet (mm); grey: dome, beige: neck"
 
 
@@ -84,7 +86,7 @@ def along_walls(
     tables: Mapping[str, pd.DataFrame],
     panels: Sequence[tuple[str, str]],
     title: str = "",
-    logarithmic: bool = False,
+    logarithmic: Collection[str] = (),
     along: str = OUTER_WALL,
 ) -> Figure:
     """Draw quantities along walls over their arc length.
@@ -93,7 +95,7 @@ def along_walls(
         tables: rows of `Result.wall` on one line, in one cycle, by their name in the legend; a single one needs none.
         panels: column and axis label of each panel.
         title: heading.
-        logarithmic: whether the first panel's axis is.
+        logarithmic: columns whose axis is.
         along: label of the arc length, mm; the default is that of `outer_wall`, whose parts are shaded.
     """
     figure = Figure(figsize=(9.0, 0.9 + 2.9 * len(panels)), layout="constrained", facecolor="white")
@@ -115,10 +117,10 @@ def along_walls(
         if high - low < _FLAT * max(abs(low), abs(high)):  # constant up to rounding
             middle = (low + high) / 2
             axes.set_ylim(middle - 0.1 * abs(middle), middle + 0.1 * abs(middle))
+        if column in logarithmic:
+            axes.set_yscale("log")
         for side in ("top", "right"):
             axes.spines[side].set_visible(False)
-    if logarithmic:
-        grid[0].set_yscale("log")
     grid[0].set_title(title, loc="left", fontsize=11, color=INK)
     grid[-1].set_xlabel(along, color=INK)
     if len(tables) > 1:

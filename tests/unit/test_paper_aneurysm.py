@@ -73,7 +73,9 @@ def test_pictures_of_mesh_stress_and_dome(fields: Fields) -> None:
 
 
 def test_curves_shade_dome_and_neck() -> None:
-    figure = walls.along_walls({"a": wall(), "b": wall()}, [("wss", "WSS (Pa)"), ("pressure", "p (Pa)")], "title", True)
+    figure = walls.along_walls(
+        {"a": wall(), "b": wall()}, [("wss", "WSS (Pa)"), ("pressure", "p (Pa)")], "title", ("wss",)
+    )
     first, second = figure.axes
     assert first.get_yscale() == "log" and second.get_yscale() == "linear"
     assert len(first.get_lines()) == 2
