@@ -135,3 +135,13 @@ def test_without_convergence_the_last_good_state_is_kept(solved):
     assert not (result.directory / "point-0001.json").exists()
     loads = result.history["load"].unique()
     assert loads[0] == 1 and (np.diff(loads) < 0).all() and loads[-1] < 0.01
+
+
+def test_coarser_meshes_are_solved_to_the_accuracy_of_a_guess(solved):
+    """Their last residual is far above the tolerance, and the finest mesh takes no more iterations for it."""
+    result = solved("turek-fsi1", "mesh.level=1")
+    assert result.converged
+    coarse, fine = (part["residual"].to_numpy() for _, part in result.history.groupby("stage"))
+    assert 1e-8 < coarse[-1] < 0.1
+    assert fine[-1] <= result.scene.solver.tolerance
+    assert len(coarse) <= len(fine) <= 9
