@@ -46,7 +46,8 @@ OPEN = (
 FREE_WALLS = (
     "The support: the end faces of the walls are clamped and their length is thirty times their thickness, so that "
     "without tissue around them they are a slender arch. The pressure of the pulsatile flow, which is mostly the "
-    "inertia of the blood, is tens of times that of the steady one: without support the mesh folds at 0.18 s."
+    "inertia of the blood, is tens of times that of the steady one: without support the walls move by more than the "
+    "vessel is wide (`ffsi run aneurysm-pulsatile --set support.stiffness=0`)."
 )
 _STEADY = (
     ("pressure_drop", "pressure drop (Pa)", "{:.4g}"),
