@@ -27,6 +27,8 @@ HISTORY = "history.csv"
 CYCLES = "wall-*.bin"
 # A component below this fraction of the force is a difference of large numbers, compared on the scale of the force.
 _SMALL_COMPONENT = 1e-3
+# Prescribed values up to this part of the field have too few right digits to be compared on their own scale.
+_ROUNDING = 1e-6
 
 
 @dataclass(frozen=True)
@@ -241,13 +243,16 @@ def _dirichlet(system: System, state: RawState) -> float:
 
 
 def _deviation(values: Floats, prescribed: Floats, given: Mask, old: Floats) -> float:
-    """Largest deviation over the largest value: prescribed, of the field, or of the field before the step; or one.
+    """Largest deviation over the largest prescribed value.
 
-    Not over the prescribed values alone: an inflow that passes through zero leaves rounding there.
+    Where these values are rounding beside those of the field, now or before the step, as those of an inflow that passes
+    through zero, it is over the largest value of the field; over one, where that is zero, too.
     """
     if not given.any():
         return 0.0
-    scale = max(float(np.abs(field).max(initial=0.0)) for field in (prescribed[given], values, old)) or 1.0
+    scale, size, before = (float(np.abs(field).max(initial=0.0)) for field in (prescribed[given], values, old))
+    if scale <= _ROUNDING * max(size, before):
+        scale = max(size, before) or 1.0
     return float(np.abs(values - prescribed)[given].max()) / scale
 
 

@@ -19,7 +19,7 @@ from test_reference_cases import (
 )
 
 from ffsi.rawfiles import RawState, read_mesh, read_state, write_mesh, write_state
-from ffsi.reference import terms
+from ffsi.reference import check, terms
 from ffsi.reference.check import check_run, check_state
 from ffsi.reference.conditions import Outlet
 from ffsi.reference.forces import coefficient_scale, compute_forces
@@ -397,3 +397,10 @@ def test_point_that_is_missing_is_an_error(run):
     directory, scene, _ = run
     with pytest.raises(FileNotFoundError, match=r"point-0001\.json"):
         check_run(directory, scene)
+
+
+def test_prescribed_values_are_compared_on_their_own_scale_unless_they_are_rounding():
+    values, given, old = np.array([1e-3 + 1e-9, 1.0]), np.array([True, False]), np.zeros(2)
+    assert check._deviation(values, np.array([1e-3, 0.0]), given, old) == pytest.approx(1e-6)
+    values[0] = 3e-17
+    assert check._deviation(values, np.array([1e-17, 0.0]), given, old) == pytest.approx(2e-17)
