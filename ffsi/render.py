@@ -24,7 +24,7 @@ from ffsi.scene.materials import CompressibleElastic
 from ffsi.scene.units import Count, Quantity
 
 # Keys that are no numbers of the mathematics, or decide the structure, and stay in Python.
-PYTHON_ONLY = ("solver.time_limit", "geometry.stent.count")
+PYTHON_ONLY = ("solver.time_limit", "geometry.stent.count", "geometry.outer_radius")
 
 
 @dataclass(frozen=True)
@@ -82,10 +82,10 @@ def parameters(scene: Scene) -> list[Parameter]:
     """Return the run-time parameters of the scene's script, in the scene's order."""
     unused = (*PYTHON_ONLY, "mesh.size_factor") if scene.geometry.kind == "mesh" else PYTHON_ONLY
     numbers = {key: value for key, value in scene.parameters().items() if key not in unused}
-    return [Parameter(key, value, index, _limits(scene, key)) for index, (key, value) in enumerate(numbers.items())]
+    return [Parameter(key, value, index, limits(scene, key)) for index, (key, value) in enumerate(numbers.items())]
 
 
-def _limits(scene: Scene, key: str) -> Quantity | Count:
+def limits(scene: Scene, key: str) -> Quantity | Count:
     """Return what the scene's model says about the values of a number."""
     *path, last = key.split(".")
     table: Any = scene

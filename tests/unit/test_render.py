@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from ffsi.render import is_runtime_parameter, parameter_flags, parameters, render
+from ffsi.render import PYTHON_ONLY, is_runtime_parameter, parameter_flags, parameters, render
 from ffsi.scene import CASES, Expression, SceneError, load_scene
 
 EDP = Path(__file__).parents[2] / "edp"
@@ -207,7 +207,7 @@ def test_code_is_no_profile(formula):
 def test_the_flags_are_the_numbers_of_the_scene(case):
     scene = load_scene(case, [])
     flags = parameter_flags(scene)
-    expected = {key.replace(".", "_"): value for key, value in scene.parameters().items() if key != "solver.time_limit"}
+    expected = {key.replace(".", "_"): value for key, value in scene.parameters().items() if key not in PYTHON_ONLY}
     assert flags == expected
     text = render(scene)
     for parameter in parameters(scene):

@@ -75,8 +75,8 @@ def test_what_does_not_fit_is_named(settings: list[str], words: str) -> None:
 
 
 def test_the_nearest_key_is_not_one_of_another_geometry() -> None:
-    with pytest.raises(SceneError, match=r'geometry.radius = 1: unknown key; .* "aneurysm" has [^?]*$'):
-        load_scene("aneurysm", ["geometry.radius=1"])
+    with pytest.raises(SceneError, match=r'geometry.cylinder_x = 1: unknown key; .* "aneurysm" has [^?]*$'):
+        load_scene("aneurysm", ["geometry.cylinder_x=1"])
     with pytest.raises(SceneError, match=r'did you mean "geometry.stent.diameter"'):
         load_scene("aneurysm", ["geometry.diametre=1"])
 

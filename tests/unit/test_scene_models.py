@@ -260,8 +260,8 @@ def test_short_scene_is_filled_in() -> None:
     assert parameters["mesh_motion.stiffness_exponent"] == 1.0
     assert parameters["mesh_motion.divergence_weight"] == 1.0
     assert parameters["mesh_motion.distance_exponent"] == 0.0
-    assert parameters["mesh.far_size"] == FlapChannel.default_sizes.far_size
-    assert scene.element_sizes == FlapChannel.default_sizes
+    assert parameters["mesh.far_size"] == pytest.approx(0.75 * FlapChannel.default_sizes.far_size)
+    assert scene.element_sizes == FlapChannel.default_sizes.times(scene.geometry.size)  # a lower flap, smaller elements
     assert "root_size" not in tomllib.loads(scene.to_toml())["mesh"]
     assert scene.gravity is None
 

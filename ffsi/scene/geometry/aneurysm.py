@@ -39,26 +39,34 @@ class Stent(Table):
 class Aneurysm(ChannelGeometry):
     """Quarter of a bent vessel (upper left quadrant, around the origin) with a dome; solids ``vessel`` and ``dome``.
 
-    The lumen's outline (`ffsi/data/aneurysm.json`) is fixed: inflow at x = 0 towards -x, outflow at y = 0 towards -y.
+    The lumen's outline (`ffsi/data/aneurysm.json`) has one length, `outer_radius`, in proportion to which it is drawn:
+    inflow at x = 0 towards -x, outflow at y = 0 towards -y.
     The walls' end faces are clamped. ``vessel`` is the wall on both sides of the vessel's lumen, up to its outer radius
     also beside the dome; ``dome`` is the wall around the dome outside of that.
     """
 
     # Level 2: two elements through the walls. The corner is the singular one of the flow at the neck's ends.
+    sized_by: ClassVar[str] = "outer_radius"
     default_sizes: ClassVar[ElementSizes] = ElementSizes(
         growth=0.3, far_size=1.0e-3, body_size=0.44e-3, corner_size=0.015e-3
     )
 
     kind: Literal["aneurysm"] = Field("aneurysm", description="name of the geometry")
+    outer_radius: Length = Field(8e-3, description="radius of the lumen's outer side; its outline grows with it, m")
     wall_thickness: Length = Field(0.25e-3, description="thickness of the vessel's wall, m")
     dome_wall_thickness: Length = Field(0.125e-3, description="thickness of the dome's wall, m")
     stent: Stent | None = Field(None, description="struts across the neck (count, diameter in m); none if absent")
 
     def problems(self) -> list[Problem]:
         """Return what does not fit: walls thinner than what they surround, struts beside each other in the neck."""
+        inner, largest = self.radii[1], 0.3e-3 * self.size
         found = [
-            *self._not_below("wall_thickness", self.wall_thickness, 0.5e-3, "a twelfth of the lumen's inner radius"),
-            *self._not_below("dome_wall_thickness", self.dome_wall_thickness, 0.3e-3, "a quarter of the dome's radius"),
+            *self._not_below(
+                "wall_thickness", self.wall_thickness, inner / 12, "a twelfth of the lumen's inner radius"
+            ),
+            *self._not_below(
+                "dome_wall_thickness", self.dome_wall_thickness, largest, "a quarter of the dome's radius"
+            ),
         ]
         if self.stent is not None:
             room = 0.8 * self.neck_length / self.stent.count
@@ -79,13 +87,13 @@ class Aneurysm(ChannelGeometry):
     @property
     def radii(self) -> tuple[float, float, float, float]:
         """Radii of the wall's inner side, of the lumen, and of the wall's outer side, m."""
-        inner, outer = dome.lumen().radii
+        inner, outer = (radius * self.size for radius in dome.lumen().radii)
         return inner - self.wall_thickness, inner, outer, outer + self.wall_thickness
 
     @property
     def neck(self) -> tuple[tuple[float, float], tuple[float, float]]:
         """The neck's ends, where the dome leaves the vessel's lumen: upstream and downstream, m."""
-        (x0, y0), (x1, y1) = dome.lumen().outline[[0, -1]].tolist()
+        (x0, y0), (x1, y1) = (dome.lumen().outline[[0, -1]] * self.size).tolist()
         return (x0, y0), (x1, y1)
 
     @property
@@ -102,28 +110,34 @@ class Aneurysm(ChannelGeometry):
     @property
     def corners(self) -> list[tuple[float, float]]:
         """Where the walls have corners: the neck's ends, and where the dome's wall meets the vessel's, m."""
-        outside = self.radii[3]
+        outside, shell = self._drawn
         found = list(self.neck)
-        for offset in (0.0, self.dome_wall_thickness):
+        for offset in (0.0, shell):
             at = dome.crossing(outside, offset)
-            found += [(x, y) for x, y in dome.curve(np.array([at.first, at.second]), offset).tolist()]
+            points = self.size * dome.curve(np.array([at.first, at.second]), offset)
+            found += [(x, y) for x, y in points.tolist()]
         return found
+
+    @property
+    def _drawn(self) -> tuple[float, float]:
+        """Radius of the wall's outer side and thickness of the dome's wall in the outline as it is drawn, m."""
+        return self.radii[3] / self.size, self.dome_wall_thickness / self.size
 
     @property
     def sides(self) -> tuple[tuple[float, float], tuple[float, float]]:
         """Where the round part of the dome begins, seen from the neck's two ends, m."""
-        (x0, y0), (x1, y1) = dome.lumen().outline[[3, -2]].tolist()
+        (x0, y0), (x1, y1) = (dome.lumen().outline[[3, -2]] * self.size).tolist()
         return (x0, y0), (x1, y1)
 
     @property
     def spline(self) -> dict[str, list[float]]:
         """The dome's curve for the script: `knot` and the coefficients `x3` to `x0`, `y3` to `y0` between them, m."""
         table = {
-            f"{axis}{3 - i}": row.tolist()
+            f"{axis}{3 - i}": (row * self.size ** (i - 2)).tolist()
             for axis, rows in zip("xy", dome.coefficients(), strict=True)
             for i, row in enumerate(rows)
         }
-        return {"knot": dome.knots().tolist(), **table}
+        return {"knot": (dome.knots() * self.size).tolist(), **table}
 
     @property
     def inlet(self) -> Inlet:
@@ -139,7 +153,7 @@ class Aneurysm(ChannelGeometry):
     @property
     def tip_point(self) -> tuple[float, float]:
         """The point of the dome's outline that is farthest from the middle of the neck, m."""
-        points = dome.lumen().outline
+        points = dome.lumen().outline * self.size
         x, y = points[int(np.hypot(*(points - np.mean(self.neck, axis=0)).T).argmax())].tolist()
         return x, y
 
@@ -161,18 +175,17 @@ class Aneurysm(ChannelGeometry):
         """Return the areas in m^2 of "fluid", "vessel" and "dome", as sums of sectors around the origin."""
         dry_inner, inner, outer, dry_outer = self.radii
         start, end = self.neck_angles
-        wet = dome.crossing(dry_outer)  # where the dome's curve leaves the vessel's wall
-        dry = dome.crossing(dry_outer, self.dome_wall_thickness)
-        whole, beyond = float(dome.knots()[-1]), math.pi / 2
+        outside, offset = self._drawn
+        wet = dome.crossing(outside)  # where the dome's curve leaves the vessel's wall
+        dry = dome.crossing(outside, offset)
+        whole, beyond, square = float(dome.knots()[-1]), math.pi / 2, self.size**2
         beside = (start - beyond) + (math.pi - end)
-        fluid = outer**2 / 2 * beside + dome.measures(0.0, whole)[1] - inner**2 / 2 * beyond
+        fluid = outer**2 / 2 * beside + square * dome.measures(0.0, whole)[1] - inner**2 / 2 * beyond
         fluid -= sum(math.pi * radius**2 for *_, radius in self.struts)
         walls = dry_outer**2 / 2 * ((wet.first_angle - beyond) + (math.pi - wet.second_angle)) - outer**2 / 2 * beside
-        walls -= dome.measures(0.0, wet.first)[1] + dome.measures(wet.second, whole)[1]
+        walls -= square * (dome.measures(0.0, wet.first)[1] + dome.measures(wet.second, whole)[1])
         vessel = math.pi / 4 * (inner**2 - dry_inner**2) + walls
-        shell = (
-            dome.measures(dry.first, dry.second, self.dome_wall_thickness)[1] - dome.measures(wet.first, wet.second)[1]
-        )
+        shell = square * (dome.measures(dry.first, dry.second, offset)[1] - dome.measures(wet.first, wet.second)[1])
         feet = (dry.second_angle - wet.second_angle) + (wet.first_angle - dry.first_angle)
         return self._keep({"fluid": fluid, "vessel": vessel, "dome": shell - dry_outer**2 / 2 * feet}, physics)
 
@@ -181,20 +194,21 @@ class Aneurysm(ChannelGeometry):
         dry_inner, inner, outer, dry_outer = self.radii
         start, end = self.neck_angles
         quarter = math.pi / 2
-        role = surface_role(physics)
+        role, along = surface_role(physics), dome.measures(0.0, float(dome.knots()[-1]))[0]
         found = [
             Boundary("inlet", INLET, "inlet", outer - inner),
             Boundary("outlet", OUTLET, "outlet", outer - inner),
             Boundary("inner_wall", INNER_WALL, role, quarter * inner, circle=(0.0, 0.0, inner)),
             Boundary("outer_wall", OUTER_WALL, role, (start + quarter - end) * outer, circle=(0.0, 0.0, outer)),
-            Boundary("dome_wall", DOME_WALL, role, dome.measures(0.0, float(dome.knots()[-1]))[0], curved=True),
+            Boundary("dome_wall", DOME_WALL, role, self.size * along, curved=True),
         ]
         for number, circle in enumerate(self.struts):
             length = 2 * math.pi * circle[2]
             found.append(Boundary(f"strut_{number + 1}", STRUTS + number, "no-slip", length, circle=circle))
         if physics == "fsi":
-            dry = dome.crossing(dry_outer, self.dome_wall_thickness)
-            outside = dome.measures(dry.first, dry.second, self.dome_wall_thickness)[0]
+            drawn, offset = self._drawn
+            dry = dome.crossing(drawn, offset)
+            outside = self.size * dome.measures(dry.first, dry.second, offset)[0]
             outside += quarter * dry_inner + (dry.first_angle + quarter - dry.second_angle) * dry_outer
             found += [
                 Boundary("wall_ends", CLAMPED, "clamped", 4 * self.wall_thickness),

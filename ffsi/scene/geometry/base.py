@@ -32,6 +32,11 @@ class ElementSizes:
     body_size: float
     corner_size: float
 
+    def times(self, factor: float) -> ElementSizes:
+        """Return the sizes of the same mesh in a domain that is larger by a factor."""
+        sizes = (self.far_size, self.body_size, self.corner_size)
+        return ElementSizes(self.growth, *(factor * size for size in sizes))
+
 
 @dataclass(frozen=True)
 class Inlet:
@@ -56,7 +61,9 @@ class GeometryBase(Table, ABC):
     """
 
     default_sizes: ClassVar[ElementSizes | None]
-    """Element sizes that are not given; None where a file holds the mesh."""
+    """Element sizes that are not given, for the default lengths; None where a file holds the mesh."""
+    sized_by: ClassVar[str]
+    """Key of the length with which they grow."""
     free_names: ClassVar[bool] = False
     """Whether the solids have names that a user chose."""
     adapted: ClassVar[bool] = True
@@ -77,7 +84,12 @@ class GeometryBase(Table, ABC):
     @property
     def sizes(self) -> ElementSizes | None:
         """Element sizes where a scene gives none; None where a file holds the mesh."""
-        return self.default_sizes
+        return self.default_sizes and self.default_sizes.times(self.size)
+
+    @property
+    def size(self) -> float:
+        """The length `sized_by` in units of its default, dimensionless."""
+        return float(getattr(self, self.sized_by) / type(self).model_fields[self.sized_by].default)
 
     @property
     def probe_points(self) -> dict[str, tuple[float, float]]:

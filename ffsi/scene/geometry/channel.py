@@ -27,12 +27,9 @@ class Channel(ChannelGeometry):
     height: Length = Field(description="height of the channel, m")
 
     @property
-    def sizes(self) -> ElementSizes:
-        """Element sizes in proportion to the height."""
-        unit = self.default_sizes
-        return ElementSizes(
-            unit.growth, unit.far_size * self.height, unit.body_size * self.height, unit.corner_size * self.height
-        )
+    def size(self) -> float:
+        """Height in units of 1 m, dimensionless."""
+        return self.height
 
     @property
     def inlet(self) -> Inlet:

@@ -19,6 +19,7 @@ class ChannelCavity(ChannelGeometry):
     The floor is [left, left + width] x [-depth - thickness, -depth], clamped at its two ends; its outer side is free.
     """
 
+    sized_by: ClassVar[str] = "cavity_width"
     default_sizes: ClassVar[ElementSizes] = ElementSizes(growth=0.75, far_size=0.6, body_size=0.2, corner_size=0.08)
 
     kind: Literal["channel-cavity"] = Field("channel-cavity", description="name of the geometry")

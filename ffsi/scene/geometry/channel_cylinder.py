@@ -25,6 +25,7 @@ class ChannelCylinder(ChannelGeometry):
     """Channel [0, length] x [0, height] around a cylinder; solid ``beam`` where `beam` is given."""
 
     optional_solids: ClassVar[tuple[str, ...]] = ("beam",)
+    sized_by: ClassVar[str] = "cylinder_radius"
     default_sizes: ClassVar[ElementSizes] = ElementSizes(growth=0.75, far_size=0.09, body_size=0.014, corner_size=0.003)
 
     kind: Literal["channel-cylinder"] = Field("channel-cylinder", description="name of the geometry")

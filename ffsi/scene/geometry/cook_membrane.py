@@ -18,6 +18,7 @@ class CookMembrane(GeometryBase):
     The left side is clamped, the right side loaded, the others are free.
     """
 
+    sized_by: ClassVar[str] = "left_height"
     default_sizes: ClassVar[ElementSizes] = ElementSizes(growth=0.4, far_size=2.1, body_size=2.1, corner_size=0.1)
 
     kind: Literal["cook"] = Field("cook", description="name of the geometry")

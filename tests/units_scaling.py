@@ -1,0 +1,74 @@
+"""The same scene in other units of length, mass and time: what must not change a computation."""
+
+from __future__ import annotations
+
+import itertools
+import re
+from pathlib import Path
+from typing import Any
+
+import meshio
+import pint
+
+from ffsi.render import limits
+from ffsi.scene import MeshGeometry, Scene
+from ffsi.scene.flow import PROFILES, WOMERSLEY
+from ffsi.scene.waveforms import named_waveforms
+
+FACTORS = [factors for factors in itertools.product((1e-6, 1.0, 1e6), repeat=3) if factors != (1.0, 1.0, 1.0)]
+"""Factors on lengths, masses and times, every mixture of small and large units."""
+WALL_CLOCK = ("solver.time_limit",)
+_REGISTRY = pint.UnitRegistry()
+_DIMENSIONS = ("[length]", "[mass]", "[time]")
+
+
+def factor_of(unit: str, length: float, mass: float, time: float, exponent: float = 1.0) -> float:
+    """Return by what a number in a unit is multiplied; `exponent` is the m of "Pa s^m"."""
+    text = re.sub(r"\^m$", f"^({exponent!r})", unit)
+    dimension = _REGISTRY.Quantity(1.0, text.replace(" s", "*s").replace("^", "**")).dimensionality
+    powers = (float(dimension.get(name, 0)) for name in _DIMENSIONS)
+    factor = 1.0
+    for base, power in zip((length, mass, time), powers, strict=True):
+        factor *= base**power
+    return factor
+
+
+def in_units(scene: Scene, length: float, mass: float, time: float, folder: Path | None = None) -> Scene:
+    """Return the scene in which every number with a dimension is multiplied by these factors of its units.
+
+    Formulas get their variables divided, so that their values stay; the mesh of a file is written to `folder` with
+    other coordinates. Seconds on the wall's clock stay seconds.
+    """
+    table: dict[str, Any] = scene.model_dump(exclude_none=True)
+    for key, value in scene.parameters().items():
+        bounds = limits(scene, key)
+        unit = getattr(bounds, "unit", "1")
+        if unit == "1" or key in WALL_CLOCK:
+            continue
+        *path, last = key.split(".")
+        inner = table
+        for name in path:
+            inner = inner[name]
+        inner[last] = value * factor_of(unit, length, mass, time, inner.get("exponent", 1.0))
+    inflow = table.get("inflow", {})
+    if inflow and inflow["profile"] not in (*PROFILES, WOMERSLEY):
+        inflow["profile"] = _divided(inflow["profile"], {"y": length, "H": length})
+    if inflow.get("waveform") and inflow["waveform"] not in named_waveforms():
+        inflow["waveform"] = _divided(inflow["waveform"], {"t": time})
+    if isinstance(scene.geometry, MeshGeometry):
+        assert folder is not None, "a mesh of a file needs a folder for the other one"
+        stored = scene.geometry.store(folder)
+        mesh = meshio.read(folder / stored.file)
+        mesh.points = mesh.points * length
+        mesh.write(folder / stored.file, file_format="medit")
+        table["geometry"] |= stored.model_dump(include={"unit", "regions", "boundaries", "parts"}, exclude_none=True)
+        table["geometry"]["file"] = str(folder / stored.file)
+    return Scene.model_validate(table)
+
+
+def _divided(formula: str, factors: dict[str, float]) -> str:
+    """Return a formula with its variables divided by factors."""
+    for name, factor in factors.items():
+        if factor != 1.0:
+            formula = re.sub(rf"\b{name}\b", f"({name}/{factor!r})", formula)
+    return formula
