@@ -14,7 +14,7 @@ SYSTEM_PACKAGES := freefem++ libfreefem++ libfreefem++-dev libopenblas0-pthread
 # What the Python package gmsh loads, with which tests make meshes.
 TEST_PACKAGES := libglu1-mesa libgl1 libxrender1 libxcursor1 libxft2 libxinerama1 libxext6 libxfixes3 libx11-6 libfontconfig1 libgomp1
 
-.PHONY: help setup system test-system run test verify verify-long bench paper figures lint edp
+.PHONY: help setup system test-system run test verify verify-long verify-hard bench paper figures lint edp
 
 help:
 	@echo "make setup   install what is missing: FreeFEM (apt) and the Python environment in $(VENV)"
@@ -22,6 +22,7 @@ help:
 	@echo "make test    unit tests and small real runs"
 	@echo "make verify  published values and flow of blood: results/verification*, results/blood*, README.md, and their tests (hours; a second call goes on)"
 	@echo "make verify-long  FSI2 and FSI3 over many periods: results/long*, README.md (an hour; a second call goes on)"
+	@echo "make verify-hard  scenes outside of the catalogue, solved rightly or refused with the cause: results/hard.* (hours; a second call goes on)"
 	@echo "make bench   error against seconds, cost ratios, mesh motions, time steps: results/bench-*, results/mesh-motion.*, README.md"
 	@echo "make paper   the study of the paper's section 5: results/paper (minutes)"
 	@echo "make figures the README's picture, from the last point of 'make run'"
@@ -45,6 +46,9 @@ verify: setup
 
 verify-long: setup
 	@$(BIN)/ffsi verify --long --jobs $(JOBS) --out results --readme README.md
+
+verify-hard: setup
+	@$(BIN)/ffsi verify --hard --jobs $(JOBS) --out results
 
 bench: setup
 	@$(BIN)/ffsi bench --repeat 3 --out results --readme README.md

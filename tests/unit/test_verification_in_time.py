@@ -15,7 +15,7 @@ from ffsi.references import references
 from ffsi.report.figures import to_png
 from ffsi.result import published_value
 from ffsi.scene import CASES
-from ffsi.verification import blood, long, periodic, periodic_runs, reference_sets
+from ffsi.verification import blood, hard, long, periodic, periodic_runs, reference_sets
 from ffsi.verification.periodic_cases import PERIODIC_CASES, PeriodicRun
 from ffsi.verification.periodic_output import Outcome, case_table, marked
 from ffsi.verification.periodic_runs import TimeRun, run_all
@@ -372,6 +372,7 @@ def test_a_long_run_that_died_at_once_has_one_row(tmp_path, in_time, check):
         (["--unsteady", "--jobs", "2"], periodic, {"jobs": 2}),
         (["--long", "--runs", "there"], long, {"runs": folder.Path("there")}),
         (["--blood", "--jobs", "2", "--runs", "there"], blood, {"jobs": 2, "runs": folder.Path("there")}),
+        (["--hard", "--only", "h-*", "--out", "there"], hard, {"only": "h-*", "out": folder.Path("there")}),
     ],
 )
 def test_the_kind_of_verification_is_chosen_by_its_option(capsys, monkeypatch, words, module, options):
@@ -387,6 +388,8 @@ def test_the_kind_of_verification_is_chosen_by_its_option(capsys, monkeypatch, w
         (["--unsteady", "--long"], "give either --unsteady or --long, not both"),
         (["--unsteady", "--levels", "1"], "ffsi verify --unsteady has no option --levels"),
         (["--jobs", "2"], "ffsi verify has no option --jobs"),
+        (["--long", "--only", "h-*"], "ffsi verify --long has no option --only"),
+        (["--hard", "--readme", "README.md"], "ffsi verify --hard has no option --readme"),
     ],
 )
 def test_options_of_another_verification_are_refused(capsys, words, message):

@@ -1,0 +1,255 @@
+"""`ffsi verify --hard`: the entries as data, their runs, the verdicts on them, what is written."""
+
+import math
+from dataclasses import replace
+from types import SimpleNamespace
+
+import pandas as pd
+import pytest
+
+from ffsi.folder import InputError
+from ffsi.freefem import FreeFEMNotFound
+from ffsi.scene import Scene, SceneError
+from ffsi.verification import hard, hard_runs
+from ffsi.verification.hard_entries import Entry, Expectation, load, select
+from ffsi.verification.hard_runs import Outcome
+from ffsi.verification.hard_verdicts import CAUSE, FAILED, NO_CLAIM, REFUSED, SOLVED, WRONG, judge
+
+TITLES, ENTRIES = load()
+NEAR = Expectation("drag", value=2.0, within=0.01)
+
+
+# The data -------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ENTRIES)
+def test_every_scene_is_valid_or_its_refusal_is_expected(name):
+    entry = ENTRIES[name]
+    assert entry.what and entry.why
+    try:
+        assert isinstance(entry.scene(), Scene)
+    except SceneError:
+        assert entry.outcome in ("fails", "either")
+
+
+def test_most_entries_claim_something():
+    assert len(ENTRIES) > 180
+    assert sum(entry.outcome == "open" for entry in ENTRIES.values()) < 5
+    assert sum(bool(entry.expect) for entry in ENTRIES.values()) > 0.6 * len(ENTRIES)
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"of": "drag"},
+        {"of": "drag", "value": 1.0},
+        {"of": "drag", "within": 0.1},
+        {"of": "Drag", "above": 0.0},
+        {"of": "least drag", "above": 0.0},
+    ],
+)
+def test_an_expectation_that_holds_of_everything_is_refused(values):
+    with pytest.raises(ValueError, match=values["of"]):
+        Expectation(**values)
+
+
+@pytest.mark.parametrize("values", [{"outcome": "fails"}, {"outcome": "solves", "reason": "x"}, {"outcome": "never"}])
+def test_an_entry_that_contradicts_itself_is_refused(values):
+    with pytest.raises(ValueError, match="a-b: outcome"):
+        Entry("a-b", "", "cook", **values)
+
+
+def test_entries_are_chosen_with_those_that_they_compare_with():
+    names = {entry.id for entry in select(ENTRIES, "k-rho-tiny,i-maxit-1")}
+    assert names == {"k-rho-tiny", "k-creep", "k-creep-slow", "i-maxit-1"}
+    assert len(select(ENTRIES)) == len(ENTRIES)
+    with pytest.raises(InputError, match="no hard case matches 'k-none'"):
+        select(ENTRIES, "k-rho*,k-none")
+
+
+# Verdicts -------------------------------------------------------------------------------------------------------------
+
+
+def outcome(failure: str = "", said: str = "", rows: tuple[dict[str, float], ...] = ({"drag": 2.01},), **entry: object):
+    given = {"expect": (NEAR,), **entry}
+    return Outcome(Entry("a-b", "", "cook", **given), hard_runs.Path("nowhere"), failure, said, (), rows)
+
+
+EITHER = {"outcome": "either", "reason": "folds"}
+SWEEP = {"vary": {"mesh.level": (0, 1)}}
+
+
+@pytest.mark.parametrize(
+    ("given", "word"),
+    [
+        (outcome(), SOLVED),
+        (outcome(rows=({"drag": 2.03},)), WRONG),
+        (outcome(rows=({"drag": math.nan},)), WRONG),
+        (outcome(rows=({},)), WRONG),
+        (outcome(rows=({"drag": 2.03, "iterations": 9.0},), expect=(Expectation("iterations", below=9),)), FAILED),
+        (outcome("not-converged"), FAILED),
+        (outcome("check", "the reference check disagrees"), FAILED),
+        (outcome("error", "TypeError: folds", **EITHER), FAILED),
+        (outcome("error", "TypeError", outcome="open"), FAILED),
+        (outcome(**EITHER), SOLVED),
+        (outcome(rows=({"drag": 3.0},), **EITHER), WRONG),
+        (outcome("not-converged", "the mesh folds", **EITHER), REFUSED),
+        (outcome("not-converged", "a limit point", **EITHER), CAUSE),
+        (outcome("crash", "time limit; last progress: folds", **EITHER), FAILED),
+        (outcome("refused", "mesh.level: folds", outcome="fails", reason="folds"), REFUSED),
+        (outcome(outcome="fails", reason="folds", expect=()), WRONG),
+        (outcome("not-converged", "folds: J = 1", unlike="J = 1", **EITHER), CAUSE),
+        (outcome(outcome="open"), NO_CLAIM),
+        (outcome("crash", outcome="open"), NO_CLAIM),
+        (outcome(warns="time.step"), CAUSE),
+        (outcome("not-converged", "x", **SWEEP), FAILED),
+        (outcome("not-converged", "x", rows=(), **SWEEP), FAILED),
+        (outcome("not-converged", "folds", rows=({"drag": 3.0},), **SWEEP, **EITHER), WRONG),
+    ],
+)
+def test_verdicts(given, word):
+    assert judge(given, {}).word == word
+
+
+def test_a_warning_that_is_there_is_enough():
+    assert judge(replace(outcome(warns="time.step"), warnings=("time.step is too large",)), {}).word == SOLVED
+
+
+def compared(own: float, other: float, failure: str = "", **expectation: object) -> str:
+    entry = Entry("a-b", "", "cook", expect=(Expectation("drag", per="a-c", **expectation),))
+    beside = Outcome(Entry("a-c", "", "cook"), hard_runs.Path("nowhere"), failure, rows=({"drag": other},))
+    return judge(Outcome(entry, hard_runs.Path("nowhere"), "", rows=({"drag": own},)), {"a-c": beside}).word
+
+
+@pytest.mark.parametrize(
+    ("numbers", "expectation", "word"),
+    [
+        ((2.0, 1.0), {"within": 0.1, "times": 2.0}, SOLVED),
+        ((2.0, 1.0), {"within": 0.1}, WRONG),
+        ((2.0, 1.0), {"value": 2.1, "within": 0.1}, SOLVED),
+        ((2.0, 1.0), {"above": 1.9, "below": 2.1}, SOLVED),
+        ((2.0, 1.0), {"below": 2.0}, WRONG),
+        ((2.0, 0.0), {"above": 1.0}, WRONG),
+        ((2.0, math.nan), {"above": 1.0}, WRONG),
+    ],
+)
+def test_numbers_beside_those_of_another_entry(numbers, expectation, word):
+    assert compared(*numbers, **expectation) == word
+
+
+def test_without_the_other_entry_nothing_is_claimed():
+    assert compared(2.0, 1.0, "not-converged", within=0.1) == NO_CLAIM
+
+
+def with_history(name: str, times: list[float], values: list[float]) -> Outcome:
+    found = Outcome(Entry(name, "", "cook"), hard_runs.Path("nowhere"), "", rows=({},))
+    found.__dict__["history"] = pd.DataFrame({"time": times, "drag": values})
+    return found
+
+
+@pytest.mark.parametrize(
+    ("expectation", "x"),
+    [
+        (Expectation("drag@0.25", above=0.0), 0.5),
+        (Expectation("max drag", above=0.0), 3.0),
+        (Expectation("max drag", per="a-c", above=0.0), 1.5),
+        (Expectation("path drag", per="a-c", above=0.0), 0.5),
+    ],
+)
+def test_numbers_of_a_history(expectation, x):
+    own = with_history("a-b", [0.0, 0.5, 1.0], [0.0, 1.0, -3.0])
+    other = with_history("a-c", [0.0, 1.0], [0.0, -2.0])
+    own = replace(own, entry=replace(own.entry, expect=(expectation,)))
+    own.__dict__["history"] = with_history("a-b", [0.0, 0.5, 1.0], [0.0, 1.0, -3.0]).history
+    shown = judge(own, {"a-c": other}).shown[0]
+    assert f"= {1.0 if x == 0.5 and expectation.per else x:g} (" in shown
+
+
+@pytest.mark.parametrize(
+    ("of", "x"), [("drag", 5.0), ("drag#0", 4.0), ("rise drag", -2.0), ("points", 3.0), ("size lift", 1.0)]
+)
+def test_numbers_of_a_sweep(of, x):
+    rows = ({"drag": 4.0}, {"drag": 2.0}, {"drag": 5.0, "lift": -1.0})
+    assert judge(outcome(rows=rows, expect=(Expectation(of, value=x, within=1e-9),)), {}).word == SOLVED
+
+
+# Runs -----------------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def runs(monkeypatch):
+    """Replace what runs; the calls are recorded."""
+    calls: list[str] = []
+
+    data = {"failure": "", "check": {"momentum": 0.0}, "quantities": {"drag": 2.0, "lift": math.inf}}
+    done = SimpleNamespace(data=data, has_mumps=True)
+
+    def run_one(name, scene, directory, on_event):
+        calls.append(name)
+        if done.data is None:
+            raise TypeError("a fault")
+        return done
+
+    monkeypatch.setattr(hard_runs, "run_one", run_one)
+    monkeypatch.setattr(hard_runs, "render", lambda scene, mumps: scene.name)
+    monkeypatch.setattr(hard_runs, "find_freefem", lambda: done)
+    return calls, done
+
+
+def test_nothing_runs_twice_but_what_has_changed(runs, tmp_path):
+    calls, _ = runs
+    entry = Entry("a-b", "", "cook")
+    first = hard_runs.run_all([entry], tmp_path)
+    assert (
+        hard_runs.run_all([replace(entry, what="other words", expect=(NEAR,))], tmp_path)["a-b"].rows
+        == first["a-b"].rows
+    )
+    assert (calls, first["a-b"].value("drag")) == (["a-b"], 2.0)
+    assert math.isnan(first["a-b"].value("lift"))
+    hard_runs.run_all([replace(entry, set={"mesh.level": 1})], tmp_path)
+    assert calls == ["a-b", "a-b"]
+
+
+def test_a_fault_of_the_program_is_no_result_and_runs_again(runs, tmp_path, monkeypatch):
+    calls, done = runs
+    monkeypatch.setattr(done, "data", None)
+    found = hard_runs.run_all([ENTRIES["a-fsi3-1"]] * 1, tmp_path)["a-fsi3-1"]
+    assert found.failure == hard_runs.ERROR and "TypeError: a fault (test_verification_hard.py" in found.reason
+    hard_runs.run_all([ENTRIES["a-fsi3-1"]], tmp_path)
+    assert len(calls) == 2
+
+
+def test_what_nobody_checked_is_not_solved(runs, tmp_path, monkeypatch):
+    _, done = runs
+    monkeypatch.setattr(done, "data", {**done.data, "checked": False})
+    assert hard_runs.run(Entry("a-b", "", "cook"), tmp_path).failure == hard_runs.ERROR
+
+
+def test_a_scene_that_is_refused_does_not_run(runs, tmp_path):
+    found = hard_runs.run(Entry("a-b", "", "cook", set={"mesh.levle": 1}), tmp_path)
+    assert found.failure == hard_runs.REFUSED and "mesh.levle" in found.reason
+    assert runs[0] == []
+
+
+def test_without_freefem_nothing_runs(tmp_path, monkeypatch):
+    monkeypatch.setenv("FFSI_FREEFEM", "/nonexistent")
+    with pytest.raises(FreeFEMNotFound):
+        hard_runs.run_all([], tmp_path)
+
+
+# Files ----------------------------------------------------------------------------------------------------------------
+
+
+def test_tables_and_failures(runs, tmp_path, monkeypatch):
+    good = replace(outcome(), entry=replace(outcome().entry, id="k-good"))
+    wrong = outcome(rows=({"drag": 3.0, "min_jacobian": 0.5},))
+    lost = replace(outcome("not-converged", "a | b"), entry=replace(wrong.entry, id="a-lost"))
+    monkeypatch.setattr(hard, "run_all", lambda entries, runs, jobs: {x.entry.id: x for x in (good, wrong, lost)})
+    assert hard.main(out=tmp_path) == ["", "check", "not-converged"]
+    text = (tmp_path / "hard.md").read_text()
+    assert "| all | 3 | 1 |  | 1 | 1 |  |  |" in text
+    assert "| a-b | wrong | drag = 3 (2 ± 1 %) |" in text and "a \\| b" in text
+    assert text.count("| k-good |") == 1
+    table = pd.read_csv(tmp_path / "hard.csv").set_index("id")
+    assert table["verdict"].to_dict() == {"k-good": SOLVED, "a-b": WRONG, "a-lost": FAILED}
+    assert table.loc["a-b", "min_jacobian"] == 0.5
