@@ -99,13 +99,8 @@ def largest_check(folder: Path) -> float:
 def test_all_files_of_gmsh_are_the_same_mesh(vessel) -> None:
     plain = load_scene(vessel / "scene.toml").geometry
     assert {b.label for b in boundaries(load_scene(vessel / "scene.toml"))} == {1, 2, 3, 6, 7, 40}
-    for name in ("binary41", "ascii22", "binary22"):
+    for name in ("binary41", "ascii22", "binary22", "all"):  # "all" holds curves and points of no group
         assert load_scene(vessel / "scene.toml", [f"geometry.file={vessel / name}.msh"]).geometry == plain, name
-
-
-def test_saved_with_elements_of_no_group(vessel, capsys) -> None:
-    assert run("run", vessel / "scene.toml", "--set", f"geometry.file={vessel}/all.msh") == 2
-    assert "save only those that do (in Gmsh: Mesh.SaveAll = 0)" in capsys.readouterr().err
 
 
 def test_steady(vessel, tmp_path) -> None:

@@ -30,8 +30,10 @@ HELD = (CLAMPED, SUPPORTED)
 STRAIGHT = 1e-6
 """How far the nodes of an inlet may be from a straight line, in lengths of the inlet."""
 DIGITS = 13
-"""Coordinates keep so many digits of the domain's size: those of an axis-parallel edge are then equal to the last bit,
-which FreeFEM's `interpolate` needs."""
+"""Coordinates keep so many digits of the domain's size."""
+NOISE = 100
+"""Coordinates that differ by so many units of the last digit are equal: meshers write those of an axis-parallel edge
+with noise, and FreeFEM's `interpolate` needs them equal to the last bit."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +128,8 @@ def _domain_mesh(path: Path, unit: str, metres: float, naming: Naming) -> Domain
     file = read_mesh_file(path)
     region, titles = _regions(file, naming, unit)
     used, triangles = np.unique(file.triangles, return_inverse=True)
-    topology, turned = counter_clockwise(file.points[used], triangles.reshape(-1, 3), unit)
+    vertices = _snapped(file.points[used] * metres)
+    topology, turned = counter_clockwise(vertices / metres, triangles.reshape(-1, 3), unit)
     refuse_folds(topology, turned, region)
     refuse_gaps(topology, titles)
     refuse_overlaps(topology, titles)
@@ -138,7 +141,6 @@ def _domain_mesh(path: Path, unit: str, metres: float, naming: Naming) -> Domain
         _refuse_parted_fluid(topology, region)
         _refuse_dry_solids(topology, region, naming)
     chosen = np.flatnonzero(label)
-    vertices = _rounded(topology.points * metres)
     edges = curves.directed[chosen]
     lengths = np.linalg.norm(vertices[edges[:, 1]] - vertices[edges[:, 0]], axis=1)
     corners = vertices[topology.triangles]
@@ -161,9 +163,16 @@ def _domain_mesh(path: Path, unit: str, metres: float, naming: Naming) -> Domain
     )
 
 
-def _rounded(points: Floats) -> Floats:
+def _snapped(points: Floats) -> Floats:
+    """Round coordinates; neighbours among them that differ by noise become equal; a second time nothing changes."""
     size = float(np.ptp(points, axis=0).max())
-    return np.asarray(np.round(points, DIGITS - 1 - int(np.floor(np.log10(size)))) + 0.0)
+    digits = DIGITS - 1 - int(np.floor(np.log10(size))) if size > 0 else DIGITS
+    found = np.empty_like(points)
+    for axis, values in enumerate(np.rint(points * 10.0**digits).T):
+        known, place_of = np.unique(values, return_inverse=True)
+        begins = np.diff(known, prepend=-np.inf) > NOISE
+        found[:, axis] = known[begins][np.cumsum(begins) - 1][place_of] / 10.0**digits
+    return found + 0.0  # no -0.0
 
 
 # Regions -------------------------------------------------------------------------------------------------------------
@@ -173,16 +182,20 @@ def _regions(file: MeshFile, naming: Naming, unit: str) -> tuple[Ints, list[str]
     """Return the region of each triangle, and what messages call it."""
     region = np.zeros(len(file.triangles), dtype=np.int64)
     titles = [""] * len(region)
-    owner: dict[str, str] = {}
     problems: list[Problem] = []
     for name, wanted in naming.regions:
+        number = naming.numbers[name]
         for key, group in chosen_groups(wanted, file.regions, f"regions.{name}", "region", problems):
-            if (region[group.cells] != 0).any():
-                other = owner.get(group.title, naming.regions[0][0])
-                problems.append(Problem(f"regions.{name}", f"is already regions.{other}", short(key)))
+            twice = group.cells[~np.isin(region[group.cells], (0, number))]
+            if twice.size:
+                other = next(n for n, known in naming.numbers.items() if known == region[twice[0]])
+                where = place(file.points[file.triangles[twice[0]]].mean(axis=0), unit)
+                owner = f"regions.{other} = {short(titles[twice[0]])}"
+                shares = f"shares {count(twice.size, 'triangle')} with {owner}, the first at {where}"
+                text = f"is already {owner}" if titles[twice[0]] == group.title else shares
+                problems.append(Problem(f"regions.{name}", text, short(key)))
                 continue
-            owner[group.title] = name
-            region[group.cells] = naming.numbers[name]
+            region[group.cells] = number
             for cell in group.cells.tolist():
                 titles[cell] = group.title
     if problems:
@@ -195,7 +208,8 @@ def _regions(file: MeshFile, naming: Naming, unit: str) -> tuple[Ints, list[str]
         if not unused:
             what = f"{count(left.size, 'triangle')} of the mesh belong to no region, the first at {where}"
         accepted = 'accepted: each region of the mesh once, as the "fluid" or as a solid with a name of its own'
-        raise fault(f"{what}, which is used nowhere; {accepted}" if unused else f"{what}; {accepted}", "regions")
+        hint = "(in Gmsh: each surface in a physical group, and Mesh.SaveAll = 0)"
+        raise fault(f"{what}, which is used nowhere; {accepted}" if unused else f"{what}; {accepted} {hint}", "regions")
     return region, titles
 
 

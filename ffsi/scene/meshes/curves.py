@@ -61,19 +61,22 @@ class Curves:
         label[self.dry] = OUTER
         problems: list[Problem] = []
         given = np.full(len(label), -1, dtype=np.int64)
-        keys = [key for key, _ in naming.boundaries]
-        for number, (key, wanted) in enumerate(naming.boundaries):
+        chosen: list[tuple[str, str]] = []  # key and name
+        for key, wanted in naming.boundaries:
             for name, group in chosen_groups(wanted, self.groups, f"boundaries.{key}", "boundary", problems):
                 edges = self._edges(group, f"boundaries.{key}")
                 if misplaced := self._misplaced(key, name, edges):
                     problems += misplaced
                     continue
-                twice = edges[(given[edges] >= 0) & (given[edges] != number)]
+                label[edges] = np.where(given[edges] < 0, ROLES[key].label, label[edges])
+                twice = edges[label[edges] != ROLES[key].label]
                 if twice.size:
-                    text = f"shares edges with boundaries.{keys[given[twice[0]]]}, the first at {self._at(twice[0])}"
-                    problems.append(Problem(f"boundaries.{key}", text, short(name)))
-                given[edges] = number
-                label[edges] = ROLES[key].label
+                    other, title = chosen[given[twice[0]]]
+                    text = f"shares edges with boundaries.{other} = {short(title)}, the first at {self._at(twice[0])}"
+                    accepted = "accepted: one role for each edge"
+                    problems.append(Problem(f"boundaries.{key}", f"{text}; {accepted}", short(name)))
+                given[edges] = len(chosen)
+                chosen.append((key, name))
         if problems:
             raise MeshError(problems)
         self._refuse_without_role(label)

@@ -64,16 +64,23 @@ class Naming:
 def chosen_groups(
     wanted: Names, groups: Sequence[Group], key: str, noun: str, problems: list[Problem]
 ) -> list[tuple[str, Group]]:
-    """Return the groups that the scene names; what is not there, or holds nothing, becomes a problem."""
+    """Return the groups that the scene names, all those with a name; what is not there or empty becomes a problem."""
     found = []
     for name in wanted:
-        called = [group for group in groups if group.name == name] or [g for g in groups if str(g.number) == name]
-        if called and len(called[0].cells):
-            found.append((name, called[0]))
+        called = [group for group in groups if group.name == name]
+        numbered = [group for group in groups if str(group.number) == name and group.name != name]
+        if called and numbered:
+            text = f"means two: a {noun} with this name, and one with this number, which has"
+            problems.append(Problem(key, f"{text} the name {names([numbered[0].title])}", short(name)))
+            continue
+        called = called or numbered
+        if filled := [group for group in called if len(group.cells)]:
+            found += [(name, group) for group in filled]
             continue
         titles = [group.title for group in groups if len(group.cells)]
         plural = "regions" if noun == "region" else "boundaries"
-        holds = f"the mesh has {names(titles)}" if titles else f"the mesh names no {plural}"
+        hint = "(in Gmsh: physical groups, and Mesh.SaveAll = 0)"
+        holds = f"the mesh has {names(titles)}" if titles else f"the mesh names no {plural} {hint}"
         if called:
             problems.append(
                 Problem(key, f"the file names this {noun}, but nothing belongs to it; {holds}", short(name))

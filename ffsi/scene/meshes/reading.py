@@ -1,4 +1,4 @@
-"""From a file that meshio reads to points, triangles and lines, each with the groups that they belong to."""
+"""From a mesh file to points, triangles and lines, each with all the groups that it belongs to."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import contextlib
 import io
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,19 +15,23 @@ from numpy.typing import NDArray
 
 from ffsi.scene.errors import names, nearest
 from ffsi.scene.meshes.errors import count, fault
+from ffsi.scene.meshes.lost import marker_names, refuse_lost_sets
+from ffsi.scene.meshes.msh import is_msh, read_msh
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 # Cell data that hold the numbers of groups, by the formats that write them.
-_GMSH, _GEOMETRICAL = "gmsh:physical", "gmsh:geometrical"
-_KNOWN_DATA = (_GMSH, "medit:ref", "su2:tag", "cell_tags")
+_KNOWN_DATA = ("gmsh:physical", "medit:ref", "su2:tag", "cell_tags")
+_GEOMETRICAL = "gmsh:geometrical"
 _DIMENSION = {"triangle": 2, "line": 1}
 _SECOND_ORDER = re.compile(r"(triangle|line)\d+")
 _QUADS = re.compile(r"(quad|polygon)\d*")
 _OUT_OF_RANGE = re.compile(r"index (-?\d+) is out of bounds")
-_NAMES = re.compile(rb"\$PhysicalNames\s(.*?)\$EndPhysicalNames", re.DOTALL)
-_NAME = re.compile(rb'^\s*(\d+)\s+(\d+)\s+"(.*)"\s*$', re.MULTILINE)
+# Rotations that lay the plane with a constant coordinate into z = constant.
+_TURNS = {"x": "Rotate {{0, 1, 0}, {0, 0, 0}, Pi/2}", "y": "Rotate {{1, 0, 0}, {0, 0, 0}, -Pi/2}"}
+PLANE = 1e-9
+"""How far the nodes may be from a plane, in sizes of the mesh."""
 
 
 @dataclass(frozen=True)
@@ -73,29 +77,68 @@ def read_mesh_file(path: Path) -> MeshFile:
     """Read a mesh of plane triangles.
 
     Args:
-        path: a file of any format that meshio reads.
+        path: a file of Gmsh (versions 2 and 4.1), or of any other format that meshio reads.
 
     Raises:
-        MeshError: the file is missing or unreadable, holds other elements than linear triangles and lines, or is not
-            plane.
+        MeshError: the file is missing, damaged or unreadable, holds other elements than linear triangles and lines, or
+            does not lie in a plane z = constant.
     """
-    mesh = _read(path)
-    points = np.asarray(mesh.points, dtype=np.float64)
-    _refuse_elements([(block.type, len(block.data)) for block in mesh.cells])
-    triangles, lines = (_cells(mesh, kind) for kind in _DIMENSION)
+    _refuse_no_file(path)
+    with path.open("rb") as file:
+        gmsh = is_msh(file.read(200))
+    points, cells, groups = _read_gmsh(path) if gmsh else _read_other(path)
+    triangles, lines = cells["triangle"], cells["line"]
     if not len(triangles):
         raise fault("the file holds no triangle")
     _refuse_strange_nodes(points, triangles, lines)
     if not np.isfinite(points).all():
         raise fault(f"the coordinates of node {int(np.argmin(np.isfinite(points).all(axis=1))) + 1} are not finite")
     _refuse_third_dimension(points, triangles)
-    physical = _physical_names(path) if path.suffix.lower() == ".msh" else {}
-    regions, curves = (tuple(_groups(mesh, kind, physical)) for kind in _DIMENSION)
-    return MeshFile(np.ascontiguousarray(points[:, :2]), triangles, lines, regions, curves)
+    triangles, regions = _once(triangles, groups["triangle"])
+    return MeshFile(np.ascontiguousarray(points[:, :2]), triangles, lines, regions, groups["line"])
 
 
-def _read(path: Path) -> Any:
-    """Call meshio, which prints and leaves the process where it fails."""
+_Content = tuple[Floats, dict[str, Ints], dict[str, tuple[Group, ...]]]  # points, cells and groups by type
+
+
+def _read_gmsh(path: Path) -> _Content:
+    found = read_msh(path)
+    _refuse_elements([(kind, len(cells)) for kind, cells in found.elements.items()])
+    none = np.zeros(0, dtype=np.int64)
+    cells = {kind: found.elements.get(kind, none.reshape(0, dimension + 1)) for kind, dimension in _DIMENSION.items()}
+    groups = {
+        kind: tuple(
+            Group(found.names.get(key), key[1], found.groups.get(key, none))
+            for key in (found.groups | found.names)
+            if key[0] == dimension
+        )
+        for kind, dimension in _DIMENSION.items()
+    }
+    return found.points, cells, groups
+
+
+def _read_other(path: Path) -> _Content:
+    if path.suffix.lower() == ".inp":
+        refuse_lost_sets(path)
+    mesh = _read(path)
+    families = marker_names(path) if "su2:tag" in mesh.cell_data else getattr(mesh, "cell_tags", {})
+    points = np.asarray(mesh.points, dtype=np.float64)
+    _refuse_elements([(block.type, len(block.data)) for block in mesh.cells])
+    cells = {kind: _cells(mesh, kind) for kind in _DIMENSION}
+    return points, cells, {kind: tuple(_groups(mesh, kind, families)) for kind in _DIMENSION}
+
+
+def _once(triangles: Ints, groups: Sequence[Group]) -> tuple[Ints, tuple[Group, ...]]:
+    """Leave out triangles that are there before: some formats write one for each of its groups."""
+    _, first, same = np.unique(np.sort(triangles, axis=1), axis=0, return_index=True, return_inverse=True)
+    if len(first) == len(triangles):
+        return triangles, tuple(groups)
+    kept = np.sort(first)
+    number = np.searchsorted(kept, first[same.ravel()])
+    return triangles[kept], tuple(replace(group, cells=np.unique(number[group.cells])) for group in groups)
+
+
+def _refuse_no_file(path: Path) -> None:
     try:
         there = path.is_file()
         size = path.stat().st_size if there else 0
@@ -110,6 +153,10 @@ def _read(path: Path) -> Any:
         guess = nearest(path.name, siblings)
         hint = f' (did you mean "{guess}"?)' if guess else ""
         raise fault(f"no such file in {path.parent}; accepted: what meshio reads (.msh, .mesh, .vtu, .vtk, ...){hint}")
+
+
+def _read(path: Path) -> Any:
+    """Call meshio, which prints and leaves the process where it fails."""
     import meshio
 
     said = io.StringIO()
@@ -117,26 +164,20 @@ def _read(path: Path) -> Any:
         with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
             return meshio.read(path)
     except (Exception, SystemExit) as error:  # meshio's readers raise whatever a malformed file leads to
-        if "gmsh:physical" in str(error):
-            text = "some elements belong to no physical group; save only those that do (in Gmsh: Mesh.SaveAll = 0)"
-            raise fault(text) from None
         if "at least one array to concatenate" in str(error):
             raise fault("the file holds no elements") from None
-        if (node := _unknown_node(error, path)) is not None:
+        if (node := _unknown_node(error)) is not None:
             raise fault(f"a triangle or a line has the node{node}, which the file does not hold") from None
         reason = " ".join(f"{error}".split()) if isinstance(error, Exception) else ""
         reason = reason or " ".join(said.getvalue().split()) or type(error).__name__
         raise fault(f"meshio cannot read it: {reason[:200]}") from None
 
 
-def _unknown_node(error: BaseException, path: Path) -> str | None:
+def _unknown_node(error: BaseException) -> str | None:
     """Return the number, where it is known, of a node that made meshio fail; None if something else did."""
     if isinstance(error, KeyError) and isinstance(error.args[0], int | np.integer):
         return f" {error.args[0]}"
-    found = _OUT_OF_RANGE.match(str(error)) if isinstance(error, IndexError) else None
-    if found is None:
-        return None
-    return f" {int(found[1]) + 1}" if path.suffix.lower() == ".msh" else ""  # Gmsh counts from 1, meshio from 0
+    return "" if isinstance(error, IndexError) and _OUT_OF_RANGE.match(str(error)) else None
 
 
 def _refuse_strange_nodes(points: Floats, triangles: Ints, lines: Ints) -> None:
@@ -169,9 +210,15 @@ def _refuse_third_dimension(points: Floats, triangles: Ints) -> None:
     if points.shape[1] < 3:
         return
     used = points[np.unique(triangles)]
-    low, high = used[:, 2].min(), used[:, 2].max()
-    if high - low > 1e-9 * np.ptp(used, axis=0).max():
-        raise fault(f"the mesh must lie in a plane z = constant; z goes from {low:.6g} to {high:.6g}")
+    low, high = used.min(axis=0), used.max(axis=0)
+    flat = high - low <= PLANE * (high - low).max()
+    if flat[2]:
+        return
+    text = f"the mesh must lie in a plane z = constant; z goes from {low[2]:.6g} to {high[2]:.6g}"
+    for axis, name in enumerate("xy"):
+        if flat[axis]:
+            text += f", {name} is {low[axis]:.6g} everywhere (in Gmsh: {_TURNS[name]} {{ Surface{{:}}; }})"
+    raise fault(text)
 
 
 def _cells(mesh: Any, kind: str) -> Ints:
@@ -180,42 +227,31 @@ def _cells(mesh: Any, kind: str) -> Ints:
     return np.concatenate(blocks).astype(np.int64) if blocks else np.zeros((0, width), dtype=np.int64)
 
 
-def _physical_names(path: Path) -> dict[tuple[int, int], str]:
-    """Return the names of a Gmsh file by dimension and number; meshio mixes up equal names of two dimensions."""
-    found = _NAMES.search(path.read_bytes())
-    if found is None:
-        return {}
-    return {
-        (int(dimension), int(number)): name.decode("utf-8", "replace")
-        for dimension, number, name in _NAME.findall(found.group(1))
-    }
-
-
-def _groups(mesh: Any, kind: str, physical: dict[tuple[int, int], str]) -> Iterator[Group]:
-    """Yield the groups of the triangles or lines: those with numbers, then other named sets, then empty ones."""
-    dimension = _DIMENSION[kind]
+def _groups(mesh: Any, kind: str, families: dict[int, list[str]]) -> Iterator[Group]:
+    """Yield the groups of the triangles or lines: those with numbers, of which a family has names, then named sets."""
     blocks = [number for number, block in enumerate(mesh.cells) if block.type == kind]
-    seen = set()
     data = _number_data(mesh, blocks)
     if data is not None and blocks:
         numbers = np.concatenate([np.asarray(mesh.cell_data[data][block]) for block in blocks]).astype(np.int64)
-        for number in np.unique(numbers).tolist():
-            if data == _GMSH and number == 0:
-                continue  # Gmsh's mark of a cell without a physical group
-            name = physical.get((dimension, number))
-            seen.add(name)
-            yield Group(name, number, np.flatnonzero(numbers == number))
+        yield from _numbered(numbers, data, families)
     first = np.cumsum([0, *(len(mesh.cells[block].data) for block in blocks)])
     for name, members in mesh.cell_sets.items():
         parts = [np.asarray(members[block], dtype=np.int64) + first[i] for i, block in enumerate(blocks)
-                 if not name.startswith("gmsh:") and members[block] is not None]  # fmt: skip
+                 if members[block] is not None]  # fmt: skip
         cells = np.unique(np.concatenate(parts)) if parts else np.zeros(0, dtype=np.int64)
-        if len(cells) and name not in seen:
-            seen.add(name)
+        if len(cells):
             yield Group(name, None, cells)
-    for (of, number), name in physical.items():
-        if of == dimension and name not in seen:
-            yield Group(name, number, np.zeros(0, dtype=np.int64))
+
+
+def _numbered(numbers: Ints, data: str, families: dict[int, list[str]]) -> Iterator[Group]:
+    """Yield the groups of cells with the same number, or where numbers stand for families (MED, SU2), the same name."""
+    for name in dict.fromkeys(name for members in families.values() for name in members):
+        cells = np.flatnonzero(np.isin(numbers, [number for number, members in families.items() if name in members]))
+        if len(cells):
+            yield Group(name, None, cells)
+    for number in np.unique(numbers).tolist():
+        if number not in families and not (number == 0 and data == "gmsh:physical"):  # Gmsh's mark of no group
+            yield Group(None, number, np.flatnonzero(numbers == number))
 
 
 def _number_data(mesh: Any, blocks: Sequence[int]) -> str | None:

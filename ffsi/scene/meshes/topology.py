@@ -132,7 +132,7 @@ def counter_clockwise(points: Floats, triangles: Ints, unit: str) -> tuple[Topol
 
 
 def refuse_folds(topology: Topology, turned: Flags, region: Ints) -> None:
-    """Refuse triangles that are there twice, more than two at an edge, folds, and single inverted triangles.
+    """Refuse more than two triangles at an edge, folds, and single inverted triangles.
 
     Args:
         topology: the mesh.
@@ -142,13 +142,6 @@ def refuse_folds(topology: Topology, turned: Flags, region: Ints) -> None:
     Raises:
         MeshError: there are such triangles.
     """
-    order = np.sort(topology.triangles, axis=1)
-    _, first, counts = np.unique(order, axis=0, return_index=True, return_counts=True)
-    if (counts > 1).any():
-        where = topology.triangle_at(first[np.argmax(counts > 1)])
-        hint = "a region must be in one physical group only"
-        twice = count(int((counts > 1).sum()), "triangle")
-        raise fault(f"the file has {twice} more than once, the first with the corners {where}; {hint}")
     _, edge_of_side, at_edge = topology.unique
     if (at_edge > 2).any():
         where = place(topology.middles[np.argmax(at_edge > 2)], topology.unit)

@@ -1,0 +1,428 @@
+"""Gmsh's MSH format, versions 2 and 4.1, ASCII and binary: every element with all of its physical groups.
+
+An element can lie in several groups, and a group can list a curve or surface with a negative tag, reversed: it is in
+the group all the same. Version 4.1 names the groups of each entity, version 2 writes an element once for each group.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from numpy.typing import NDArray
+
+from ffsi.scene.errors import short
+from ffsi.scene.meshes.errors import fault
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+SAVE = "in Gmsh: Mesh.MshFileVersion = 4.1"
+# Types of elements: number in the format, name, nodes.
+_TYPES = {
+    **{1: ("line", 2), 2: ("triangle", 3), 3: ("quad", 4), 4: ("tetra", 4), 5: ("hexahedron", 8), 6: ("wedge", 6)},
+    **{7: ("pyramid", 5), 8: ("line3", 3), 9: ("triangle6", 6), 10: ("quad9", 9), 15: ("vertex", 1), 16: ("quad8", 8)},
+    **{20: ("triangle9", 9), 21: ("triangle10", 10), 23: ("triangle15", 15), 26: ("line4", 4), 27: ("line5", 5)},
+}
+_DIMENSION = {"line": 1, "triangle": 2}
+_BEGIN = re.compile(rb"\s*(?:\$(\w+)[ \t]*(?:\r?\n|\r|$)|(\S[^\r\n]*)|$)")
+_NAME = re.compile(rb'^[ \t]*(\d{1,9})[ \t]+(-?\d{1,9})[ \t]+"(.{0,1000}?)"[ \t\r]*$', re.MULTILINE | re.DOTALL)
+_NO_NUMBER = re.compile(rb"[^\s0-9eE+.-]|\S{41}")
+
+
+_Block = tuple[str, Ints, dict[int, Ints]]  # elements of one type: their nodes, and which lie in which group
+
+
+@dataclass
+class Msh:
+    """What a file holds.
+
+    Args:
+        names: of the groups, by dimension and number.
+        points: (n, 3).
+        elements: by type ("line", "triangle", ...), numbers of the points of each.
+        groups: by dimension (1 or 2) and number of a group, numbers of its lines or triangles.
+    """
+
+    names: dict[tuple[int, int], str] = field(default_factory=dict)
+    points: Floats = field(default_factory=lambda: np.zeros((0, 3)))
+    elements: dict[str, Ints] = field(default_factory=dict)
+    groups: dict[tuple[int, int], Ints] = field(default_factory=dict)
+
+
+def is_msh(start: bytes) -> bool:
+    """Tell by its first bytes whether a file is one of Gmsh's, of any version."""
+    return re.match(rb"\s*\$(MeshFormat|NOD|Comments|PhysicalNames|Nodes)\b", start) is not None
+
+
+def read_msh(path: Path) -> Msh:
+    """Read a file.
+
+    Raises:
+        MeshError: it has another version, or is damaged; with the line (in binary files: the byte) where it shows.
+    """
+    return _File(path.read_bytes()).read()
+
+
+class _Section:
+    """The numbers of one section, read one after the other."""
+
+    def __init__(self, file: _File, name: str, start: int, end: int) -> None:
+        self.file, self.name, self.start, self.end = file, name, start, end
+        self.words = None if file.order else file.data[start:end].split()
+        self.at = 0 if self.words is not None else start
+        if self.words is not None and (bad := _NO_NUMBER.search(file.data, start, end)):
+            raise self.fault(f"{_text(file.data[bad.start() : bad.start() + 50].split()[0])} is no number", bad.start())
+
+    def ints(self, count: int) -> Ints:
+        """Return the next whole numbers of 4 bytes."""
+        return self._take(count, "i4").astype(np.int64)
+
+    def sizes(self, count: int) -> Ints:
+        """Return the next whole numbers of 8 bytes."""
+        return self._take(count, "i8").astype(np.int64)
+
+    def floats(self, count: int) -> Floats:
+        """Return the next real numbers."""
+        return self._take(count, "f8").astype(np.float64)
+
+    def nodes(self, count: int) -> tuple[Ints, Floats]:
+        """Return the numbers (count,) and places (count, 3) of the next nodes in a file of version 2."""
+        if self.words is None:
+            dtype = np.dtype([("number", "i4"), ("place", "f8", 3)])
+            found = self._take(count, dtype)
+            return found["number"].astype(np.int64), found["place"].astype(np.float64)
+        rows = self.floats(4 * count).reshape(count, 4)
+        if (fraction := rows[:, 0] != np.floor(rows[:, 0])).any():
+            self.at -= 4 * (count - int(np.argmax(fraction))) - 1
+            raise self.error("a node's number must be whole")
+        return rows[:, 0].astype(np.int64), rows[:, 1:]
+
+    def count(self) -> int:
+        """Return how many things follow, which is on a line of text also in binary files of version 2."""
+        if self.words is not None:
+            return self._sensible(int(self.ints(1)[0]))
+        found = re.compile(rb"\s*(\d{1,18})[ \t]*\r?\n").match(self.file.data, self.at, self.end)
+        if found is None:
+            raise self.fault("the number of what follows is missing", self.at)
+        self.at = found.end()
+        return self._sensible(int(found[1]))
+
+    def size(self) -> int:
+        """Return how many things follow, in files of version 4.1."""
+        return self._sensible(int(self.sizes(1)[0]))
+
+    @property
+    def left(self) -> int:
+        """How many numbers follow, if each has 4 bytes."""
+        return len(self.words) - self.at if self.words is not None else (self.end - self.at) // 4
+
+    def finish(self) -> None:
+        """Refuse what follows."""
+        if self.words is not None and self.at < len(self.words):
+            raise self.fault("there is more than it announces", self._offset())
+        if self.words is None and self.file.data[self.at : self.end].strip():
+            raise self.fault("there is more than it announces", self.at)
+
+    def fault(self, text: str, offset: int) -> Exception:
+        """Return the error of what stands at an offset of the file."""
+        return fault(f"damaged at {self.file.place(offset)}, in the section ${self.name}: {text}")
+
+    def error(self, text: str) -> Exception:
+        """Return the error of what was just read."""
+        self.at -= min(self.at, 1)
+        return self.fault(text, self._offset())
+
+    def _sensible(self, count: int) -> int:
+        if not 0 <= count <= self.left:
+            raise self.error(f"it announces {short(count)} of something, and only {self.left} numbers follow")
+        return count
+
+    def _take(self, count: int, kind: npt.DTypeLike) -> NDArray[Any]:
+        if self.words is None:
+            dtype = np.dtype(kind).newbyteorder("<" if self.file.order == "<" else ">")
+            if count * dtype.itemsize > self.end - self.at:
+                raise self.fault("it ends too early", self.end)
+            found = np.frombuffer(self.file.data, dtype, count, self.at)
+            self.at += count * dtype.itemsize
+            return found
+        words = self.words[self.at : self.at + count]
+        if len(words) < count:
+            raise self.fault("it ends too early", self.end)
+        try:
+            values = _numbers(words, kind == "f8")
+        except (ValueError, OverflowError):
+            bad = next(k for k, word in enumerate(words) if not _is_number(word, kind == "f8"))
+            self.at += bad
+            what = "number" if kind == "f8" else "whole number"
+            raise self.fault(f"{_text(words[bad])} is no {what}", self._offset()) from None
+        self.at += count
+        return values
+
+    def _offset(self) -> int:
+        if self.words is None:
+            return self.at
+        found = re.finditer(rb"\S+", self.file.data[self.start : self.end])
+        return self.start + next((word.start() for k, word in enumerate(found) if k == self.at), self.end - self.start)
+
+
+class _File:
+    """One file on its way into `Msh`."""
+
+    def __init__(self, data: bytes) -> None:
+        self.data = data
+        self.order = ""  # of the bytes in a binary file: "<" or ">"
+        self.version = 0.0
+        self.found = Msh()
+        self.physical: dict[tuple[int, int], Sequence[int]] = {}  # groups by dimension and tag of an entity
+        self.tags = np.zeros(0, dtype=np.int64)
+
+    def place(self, offset: int) -> str:
+        if self.order:
+            return f"byte {offset}"
+        return f"line {self.data.count(bytes([10]), 0, offset) + 1}"
+
+    def read(self) -> Msh:
+        readers = {
+            "MeshFormat": self._format,
+            "PhysicalNames": self._names,
+            "Entities": self._entities,
+            "PartitionedEntities": self._partitioned,
+            "Nodes": self._nodes,
+            "ParametricNodes": self._nodes,
+            "Elements": self._elements,
+        }
+        seen: set[str] = set()
+        for name, start, end in self._sections():
+            if name not in readers:
+                continue
+            if not self.version and name != "MeshFormat":
+                raise fault(f"damaged at {self.place(start)}: the section ${name} comes before $MeshFormat")
+            kind = name.removeprefix("Parametric")
+            if kind in seen:
+                raise fault(f"damaged at {self.place(start)}: a second section ${name}")
+            seen.add(kind)
+            readers[name](name, start, end)
+        for name in ("MeshFormat", "Nodes", "Elements"):
+            if name not in seen:
+                raise fault("the file holds no elements" if name == "Elements" else f"the file has no section ${name}")
+        self._number_nodes()
+        return self.found
+
+    def _sections(self) -> Iterator[tuple[str, int, int]]:
+        """Yield name, start and end of the sections."""
+        at = 0
+        while at < len(self.data):
+            begin = _BEGIN.match(self.data, at)
+            assert begin is not None  # the pattern matches anything
+            if begin[2] is not None:
+                where = self.place(begin.start(2))
+                raise fault(f"damaged at {where}: a section such as $Nodes should begin here, not {_text(begin[2])}")
+            if begin[1] is None:
+                return
+            name = begin[1].decode()
+            if name in ("NOD", "ELM"):
+                raise fault(f"this is version 1 of Gmsh's format; accepted: versions 4.1 and 2.2 ({SAVE})")
+            end = re.compile(rb"\$End%b[ \t]*(\r?\n|\r|$)" % name.encode()).search(self.data, begin.end())
+            if end is None:
+                where = self.place(begin.start(1))
+                raise fault(f"damaged: the section ${name}, which begins at {where}, has no end: the file is cut")
+            yield name, begin.end(), end.start()
+            at = end.end()
+
+    def _format(self, name: str, start: int, end: int) -> None:
+        header = re.compile(rb"\s*(\d+(?:\.\d+)?)\s+([01])\s+(\d+)[ \t]*\r?\n?").match(self.data, start, end)
+        if header is None:
+            raise fault(f"damaged at {self.place(start)}: no version, type and size as in 4.1 0 8")
+        self.version = float(header[1])
+        if not (2 <= self.version < 3 or self.version == 4.1):
+            text = f"this is version {header[1].decode()} of Gmsh's format"
+            raise fault(f"{text}; accepted: versions 4.1 and 2.2 ({SAVE})")
+        if header[2] == b"1":
+            one = self.data[header.end() : header.end() + 4]
+            if one not in (b"\1\0\0\0", b"\0\0\0\1") or header[3] != b"8":
+                text = "the number 1 that shows the order of the bytes is missing" if header[3] == b"8" else (
+                    f"numbers of {header[3].decode()} bytes instead of 8"
+                )  # fmt: skip
+                raise fault(f"damaged at byte {header.end()}, in the section $MeshFormat: {text}")
+            self.order = "<" if one[0] else ">"
+
+    def _names(self, name: str, start: int, end: int) -> None:
+        """Read the names; they can hold anything but a quotation mark at the end of a line."""
+        found = re.compile(rb"\s*(\d{1,9})\s").match(self.data, start, end)
+        names = _NAME.findall(self.data[found.end() : end]) if found else []
+        if found is None or len(names) != int(found[1]):
+            text = f"it announces {int(found[1])} names, and {len(names)} follow" if found else "no number of names"
+            raise fault(f"damaged at {self.place(start)}, in the section $PhysicalNames: {text}")
+        for dimension, number, word in names:
+            self.found.names[int(dimension), abs(int(number))] = word.decode("utf-8", "replace")
+
+    def _entities(self, name: str, start: int, end: int) -> None:
+        if self.version < 4:
+            return
+        section = _Section(self, name, start, end)
+        self._read_entities(section, [section.size() for _ in range(4)], False)
+
+    def _partitioned(self, name: str, start: int, end: int) -> None:
+        """Read the entities that a partition was cut into: elements name these."""
+        if self.version < 4:
+            return
+        section = _Section(self, name, start, end)
+        section.size()
+        for _ in range(section.size()):
+            section.ints(2)
+        self._read_entities(section, [section.size() for _ in range(4)], True)
+
+    def _read_entities(self, section: _Section, counts: Sequence[int], partitioned: bool) -> None:
+        for dimension, count in enumerate(counts):
+            for _ in range(count):
+                tag = int(section.ints(1)[0])
+                if partitioned:
+                    section.ints(2)
+                    section.ints(section.size())
+                section.floats(6 if dimension else 3)
+                groups = section.ints(section.size())
+                if dimension:
+                    section.ints(section.size())
+                self.physical[dimension, tag] = np.unique(np.abs(groups)).tolist()
+        section.finish()
+
+    # Nodes -----------------------------------------------------------------------------------------------------------
+
+    def _nodes(self, name: str, start: int, end: int) -> None:
+        section = _Section(self, name, start, end)
+        read = self._nodes_41 if self.version > 4 else self._nodes_2
+        blocks = list(read(section, name.startswith("Parametric")))
+        section.finish()
+        self.tags = np.concatenate([np.zeros(0, dtype=np.int64), *(tags for tags, _ in blocks)])
+        self.found.points = np.concatenate([np.zeros((0, 3)), *(points for _, points in blocks)])
+        known, counts = np.unique(self.tags, return_counts=True)
+        if (counts > 1).any():
+            raise fault(f"the file has two nodes with the number {known[np.argmax(counts > 1)]}")
+
+    def _nodes_41(self, section: _Section, parametric: bool) -> Iterator[tuple[Ints, Floats]]:
+        blocks, total = section.size(), section.size()
+        section.sizes(2)
+        found = 0
+        for _ in range(blocks):
+            dimension, _, extra = section.ints(3).tolist()
+            count = section.size()
+            tags = section.sizes(count)
+            width = 3 + (dimension if extra else 0)
+            if not 3 <= width <= 6:
+                raise section.error(f"{dimension} is no dimension")
+            yield tags, section.floats(count * width).reshape(count, width)[:, :3]
+            found += count
+        if found != total:
+            raise section.error(f"it announces {total} nodes, and {found} follow")
+
+    def _nodes_2(self, section: _Section, parametric: bool) -> Iterator[tuple[Ints, Floats]]:
+        count = section.count()
+        if not parametric:
+            yield section.nodes(count)
+            return
+        for _ in range(count):
+            yield section.nodes(1)
+            dimension, _ = section.ints(2).tolist()
+            section.floats(dimension if dimension in (1, 2) else 0)
+
+    # Elements --------------------------------------------------------------------------------------------------------
+
+    def _elements(self, name: str, start: int, end: int) -> None:
+        section = _Section(self, name, start, end)
+        read = self._elements_41 if self.version > 4 else self._elements_2
+        nodes: dict[str, list[Ints]] = {}
+        groups: dict[tuple[int, int], list[Ints]] = {}
+        for kind, block, members in read(section):
+            first = sum(len(before) for before in nodes.setdefault(kind, []))
+            nodes[kind].append(block)
+            for number, cells in members.items() if kind in _DIMENSION else ():
+                groups.setdefault((_DIMENSION[kind], number), []).append(first + cells)
+        section.finish()
+        self.found.elements = {kind: np.concatenate(blocks) for kind, blocks in nodes.items()}
+        self.found.groups = {key: np.unique(np.concatenate(cells)) for key, cells in sorted(groups.items())}
+
+    def _elements_41(self, section: _Section) -> Iterator[_Block]:
+        blocks, total = section.size(), section.size()
+        section.sizes(2)
+        found = 0
+        for _ in range(blocks):
+            dimension, entity, code = section.ints(3).tolist()
+            kind, width = self._type(section, code)
+            count = section.size()
+            rows = section.sizes(count * (width + 1)).reshape(count, width + 1)
+            yield kind, rows[:, 1:], dict.fromkeys(self.physical.get((dimension, entity), ()), np.arange(count))
+            found += count
+        if found != total:
+            raise section.error(f"it announces {total} elements, and {found} follow")
+
+    def _elements_2(self, section: _Section) -> Iterator[_Block]:
+        """Read elements, which all have a number; in binary files several of one type can follow one header."""
+        left = section.count()
+        begin = section.at
+        values = section.ints(section.left).tolist()
+        rows: dict[str, list[list[int]]] = {}
+        at = 0
+        while left > 0:
+            if at + 3 > len(values):
+                raise section.fault("it ends too early", section.end)
+            first, second, tags = values[at : at + 3]
+            at += 3
+            section.at = begin + at * (4 if self.order else 1)
+            code, count, own = (first, second, 1) if self.order else (second, 1, 0)
+            kind, width = self._type(section, code)
+            step = own + tags + width
+            if not (tags >= 0 and 1 <= count <= left and at + count * step <= len(values)):
+                raise section.error("an element has more tags or nodes than follow")
+            for end in range(at + step, at + count * step + 1, step):
+                number = abs(values[end - width - tags]) if tags else 0
+                rows.setdefault(kind, []).append([number, *values[end - width : end]])
+            at += count * step
+            left -= count
+        section.at = begin + at * (4 if self.order else 1)
+        for kind, found in rows.items():
+            elements = np.array(found, dtype=np.int64)
+            physical, nodes = elements[:, 0], elements[:, 1:]
+            numbers = np.unique(physical[physical > 0]).tolist()  # 0 is the mark of an element without a group
+            yield kind, nodes, {number: np.flatnonzero(physical == number) for number in numbers}
+
+    def _type(self, section: _Section, code: int) -> tuple[str, int]:
+        if code not in _TYPES:
+            raise section.error(f"elements of the type {code}; accepted: triangles (2), lines (1), points (15)")
+        return _TYPES[code]
+
+    def _number_nodes(self) -> None:
+        """Replace the numbers of nodes in the file by their places among the points."""
+        order = np.argsort(self.tags)
+        known = self.tags[order]
+        for kind in _DIMENSION:
+            nodes = self.found.elements.get(kind)
+            if nodes is None:
+                continue
+            position = np.minimum(np.searchsorted(known, nodes), len(known) - 1) if len(known) else nodes * 0
+            bad = known[position] != nodes if len(known) else np.ones(nodes.shape, dtype=np.bool_)
+            if bad.any():
+                what = f"a {kind} has the node {nodes[bad][0]}, which the file does not hold"
+                raise fault(f"{what} (number {int(np.argmax(bad.any(axis=1))) + 1} of its {kind}s)")
+            self.found.elements[kind] = order[position]
+
+
+def _numbers(words: Sequence[bytes], real: bool) -> NDArray[Any]:
+    return np.array(words, dtype="S" if words else None).astype(np.float64 if real else np.int64)
+
+
+def _is_number(word: bytes, real: bool) -> bool:
+    try:
+        _numbers([word], real)
+    except (ValueError, OverflowError):
+        return False
+    return True
+
+
+def _text(word: bytes) -> str:
+    return short(word.decode("utf-8", "replace"), 30)
