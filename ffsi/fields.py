@@ -8,8 +8,9 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.tri import Triangulation
 from numpy.typing import ArrayLike, NDArray
+
+from ffsi.locating import Finder
 
 if TYPE_CHECKING:
     from ffsi.rawfiles import RawMesh, RawState
@@ -19,7 +20,6 @@ IntArray = NDArray[np.int64]
 
 FLUID = 1  # region number of the fluid; the solids are 2, 3, ...
 _SPLIT = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]])  # a quadratic triangle as four linear ones
-_TOLERANCE = 1e-8  # in barycentric coordinates: how far outside of a triangle still counts as on its edge
 
 
 @dataclass(frozen=True)
@@ -128,39 +128,15 @@ class Fields:
         for fluid in (True, False):
             rest = np.flatnonzero(cell < 0)
             numbers = np.flatnonzero((self.region == FLUID) == fluid)
-            if len(rest) == 0 or len(numbers) == 0:
-                continue
-            found, coordinates = self._find(at[rest], numbers, self._finders[fluid])
-            cell[rest], barycentric[rest] = found, coordinates
+            if len(rest) and len(numbers):
+                found, barycentric[rest] = self._finders[fluid].find(at[rest])
+                cell[rest] = np.where(found < 0, -1, numbers[found])
         return cell, _quadratic_shapes(barycentric)
 
     @cached_property
-    def _finders(self) -> dict[bool, Triangulation]:
-        found = {}
-        for fluid in (True, False):
-            corners = self.cells[(self.region == FLUID) == fluid][:, :3]
-            if len(corners):
-                found[fluid] = Triangulation(self.points[:, 0], self.points[:, 1], corners)
-        return found
-
-    def _find(self, at: FloatArray, numbers: IntArray, triangulation: Triangulation) -> tuple[IntArray, FloatArray]:
-        """Find the triangle (-1: none) among `numbers` and the barycentric coordinates of each point."""
-        local = np.asarray(triangulation.get_trifinder()(at[:, 0], at[:, 1]), dtype=np.int64)
-        for i in np.flatnonzero(local < 0):  # on the boundary up to rounding, or really outside
-            inside = self._barycentric(at[i], numbers).min(axis=1)
-            best = int(inside.argmax())
-            if inside[best] >= -_TOLERANCE:
-                local[i] = best
-        cell = np.where(local < 0, -1, numbers[local])
-        return cell, self._barycentric(at, cell)
-
-    def _barycentric(self, at: FloatArray, cell: IntArray) -> FloatArray:
-        origin, first, second = (self.points[self.cells[cell, i]] for i in range(3))
-        a, b, d = first - origin, second - origin, at - origin
-        area = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
-        l1 = (d[:, 0] * b[:, 1] - d[:, 1] * b[:, 0]) / area
-        l2 = (a[:, 0] * d[:, 1] - a[:, 1] * d[:, 0]) / area
-        return np.stack([1 - l1 - l2, l1, l2], axis=1)
+    def _finders(self) -> dict[bool, Finder]:
+        """Those of the fluid's triangles and of the others."""
+        return {fluid: Finder(self.points[self.cells[(self.region == FLUID) == fluid, :3]]) for fluid in (True, False)}
 
 
 def _solid_pressure(mesh: RawMesh, state: RawState, mixed_regions: Sequence[int], cells: IntArray) -> FloatArray | None:

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import io
-import logging
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,13 +12,11 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, ScalarFormatter
-from matplotlib.tri import LinearTriInterpolator, Triangulation
+from matplotlib.tri import Triangulation
 from numpy.typing import NDArray
 from PIL import Image
 
 from ffsi.fields import FLUID, Fields, FloatArray, IntArray
-
-logger = logging.getLogger(__name__)
 
 INK = "#22262b"
 FAINT = "#8a9099"
@@ -146,7 +143,7 @@ def velocity(fields: Fields, title: str = "", scale: Scale | None = None) -> Fig
     triangulation = split_triangles(fields, fields.region == FLUID)
     top = (scale.high if scale else _range("velocity", fields)[1]) or 1.0
     colours = axes.tripcolor(triangulation, speed, shading="gouraud", cmap="viridis", vmin=0, vmax=top, rasterized=True)
-    _arrows(axes, triangulation, fields.velocity, scale.high if scale else None)
+    _arrows(axes, fields, scale.high if scale else None)
     _solids(axes, fields)
     colour_bar(figure, axes, colours, "velocity magnitude (m/s)")
     return figure
@@ -250,9 +247,8 @@ def split_triangles(fields: Fields, selected: NDArray[np.bool_]) -> Triangulatio
     return Triangulation(x, y, fields.linear_triangles(selected))
 
 
-def _arrows(axes: Axes, triangulation: Triangulation, vectors: FloatArray, longest: float | None) -> None:
-    used = np.unique(triangulation.triangles)
-    x, y = triangulation.x[used], triangulation.y[used]
+def _arrows(axes: Axes, fields: Fields, longest: float | None) -> None:
+    x, y = fields.deformed[np.unique(fields.cells[fields.region == FLUID])].T
     length, height = float(np.ptp(x)), float(np.ptp(y))
     step = max(max(length, height) / _ALONG, np.sqrt(length * height / (_ROW_GAP * _ARROWS)))
     grid_x, grid_y = np.meshgrid(
@@ -260,16 +256,14 @@ def _arrows(axes: Axes, triangulation: Triangulation, vectors: FloatArray, longe
         _centred(float(y.min()), float(y.max()), _ROW_GAP * step),
         indexing="xy",
     )
-    try:
-        along, across = (
-            np.ma.filled(LinearTriInterpolator(triangulation, part)(grid_x, grid_y), np.nan) for part in vectors.T
-        )
-    except RuntimeError:  # the deformed mesh is folded, there is no unique triangle
-        logger.warning("the deformed mesh overlaps itself: the picture has no arrows")
-        return
+    found = replace(fields, points=fields.deformed).sample(np.column_stack([grid_x.ravel(), grid_y.ravel()]))
+    wet = found["region"] == FLUID
+    grid_x, grid_y, along, across = (
+        values[wet] for values in (grid_x.ravel(), grid_y.ravel(), found["vx"], found["vy"])
+    )
     speed = np.hypot(along, across)
-    top = np.nanmax(speed, initial=0.0) if longest is None else longest
-    keep = np.isfinite(speed) & (speed > 0.02 * top)
+    top = speed.max(initial=0.0) if longest is None else longest
+    keep = speed > 0.02 * top
     if top == 0 or not keep.any():
         return
     shorten = 0.95 * step / top * np.sqrt(top / speed[keep])  # length ~ sqrt(speed), so that slow regions stay readable
