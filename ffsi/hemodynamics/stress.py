@@ -8,8 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ffsi.rawfiles import RawMesh, RawState
+from ffsi.reference.from_scene import material_of
+from ffsi.reference.materials import IDENTITY, SplitMaterial, dilatation, stress_across, transpose
 from ffsi.scene import Scene
-from ffsi.scene.materials import Elastic, MooneyRivlin, NeoHookean, StVenantKirchhoff
+from ffsi.scene.materials import Elastic
 
 Floats = NDArray[np.float64]
 
@@ -22,42 +24,31 @@ _PIECES = 20  # of an edge, in which the end of a zone is looked for
 def cauchy_stress(law: Elastic, gradient: Floats, pressure: Floats | None = None) -> Floats:
     """Return the Cauchy stress (n, 3, 3) in Pa of a solid in plane strain, from F = diag(I + grad u, 1).
 
+    It is that of the checker's material: P F^T / J, and across the plane the derivative of its energy.
+
     Args:
         law: the material.
         gradient: (n, 2, 2) grad u.
         pressure: (n,) Pa, of a mixed solid.
 
+    Returns:
+        The stress; NaN where J <= 0 has none.
+
     Raises:
-        TypeError: the material is not known here.
+        ValueError: the checker does not know the material, or the energy of it is one of the plane alone.
     """
-    deformation = np.zeros((len(gradient), 3, 3))
-    deformation[:, :2, :2] = gradient
-    deformation += np.eye(3)
-    jacobian = np.linalg.det(deformation)[:, None, None]
-    left = deformation @ deformation.transpose(0, 2, 1)  # B = F F^T
-    identity = np.broadcast_to(np.eye(3), left.shape)
-    first = np.trace(left, axis1=1, axis2=2)[:, None, None]
-    match law:
-        case NeoHookean():
-            lame_lambda, mu = law.lame
-            stress = mu * (left - identity) / jacobian
-            volumetric = 0.0 if pressure is not None else lame_lambda * np.log(jacobian) / jacobian
-        case MooneyRivlin():
-            second = (first**2 - np.trace(left @ left, axis1=1, axis2=2)[:, None, None]) / 2
-            stress = 2 * law.c10 * jacobian ** (-5 / 3) * (left - first / 3 * identity)
-            stress += 2 * law.c01 * jacobian ** (-7 / 3) * (first * left - left @ left - 2 / 3 * second * identity)
-            volumetric = 0.0 if pressure is not None else (law.bulk_modulus or 0.0) * (jacobian - 1)
-        case StVenantKirchhoff():
-            lame_lambda, mu = law.lame
-            strain = (deformation.transpose(0, 2, 1) @ deformation - identity) / 2
-            trace = np.trace(strain, axis1=1, axis2=2)[:, None, None]
-            second_piola = lame_lambda * trace * identity + 2 * mu * strain
-            return np.asarray(deformation @ second_piola @ deformation.transpose(0, 2, 1) / jacobian)
-        case _:
-            raise TypeError(f"no stress of {type(law).__name__}")
+    material = material_of(law)
+    first_piola, energy = material.first_piola, material.energy
     if pressure is not None:
-        volumetric = -pressure[:, None, None]
-    return np.asarray(stress + volumetric * identity)
+        assert isinstance(material, SplitMaterial)
+        first_piola, energy = material.base_stress, material.base_energy
+    stress = np.zeros((len(gradient), 3, 3))
+    stress[:, :2, :2] = first_piola(gradient) @ transpose(IDENTITY + gradient)
+    stress[:, 2, 2] = stress_across(energy, gradient)
+    stress /= 1.0 + dilatation(gradient)[:, None, None]
+    if pressure is not None:
+        stress -= pressure[:, None, None] * np.eye(3)
+    return stress
 
 
 def von_mises(stress: Floats) -> Floats:
@@ -96,7 +87,9 @@ def effective_stress(scene: Scene, mesh: RawMesh, state: RawState) -> dict[str, 
     return found
 
 
-def largest_beyond(mesh: RawMesh, values: Floats, beyond: Callable[[Floats], Floats]) -> float:
+def largest_beyond(
+    mesh: RawMesh, inside: NDArray[np.bool_], values: Floats, beyond: Callable[[Floats], Floats]
+) -> float:
     """Return the largest value on those parts of the triangles' edges that lie beyond a zone.
 
     Towards a corner the stress rises up to the zone's end: the largest value at a node would depend on how near to it a
@@ -104,10 +97,17 @@ def largest_beyond(mesh: RawMesh, values: Floats, beyond: Callable[[Floats], Flo
 
     Args:
         mesh: the reference mesh.
-        values: (n2,) at the P2 nodes, quadratic along an edge; NaN outside of a solid.
+        inside: (n_triangles,) which triangles count.
+        values: (n2,) at the P2 nodes, quadratic along an edge.
         beyond: how far beyond the zone's end reference points (..., 2) are; negative in the zone.
+
+    Returns:
+        The largest value, NaN if one of them is.
+
+    Raises:
+        ValueError: nothing lies beyond the zone.
     """
-    nodes = mesh.p2[np.isfinite(values[mesh.p2]).all(axis=1)]
+    nodes = mesh.p2[inside]
     edge = nodes[:, _SIDES].reshape(-1, 3)
     position, at = mesh.p2_coordinates, values[edge]
     share = np.linspace(0, 1, _PIECES + 1)
@@ -116,6 +116,8 @@ def largest_beyond(mesh: RawMesh, values: Floats, beyond: Callable[[Floats], Flo
     number, piece = np.nonzero(distance[:, :-1] * distance[:, 1:] < 0)
     first, last = distance[number, piece], distance[number, piece + 1]
     crossing = _along(at[number], share[piece] + first / (first - last) / _PIECES)
+    if not found.size:
+        raise ValueError("no edge lies beyond the zone around the corners")
     return float(np.concatenate([found, crossing]).max())
 
 

@@ -52,7 +52,9 @@ def problem_from_scene(scene: Scene) -> Problem:
         fluid=Fluid(scene.fluid.density, _viscosity(scene.fluid)) if scene.fluid else None,
         boundaries=tuple(Boundary(b.name, b.label, b.role, b.part, b.circle) for b in boundaries(scene)),
         solids={
-            region: Solid(solid.density, _material(name, solid), getattr(solid, "formulation", "displacement"))
+            region: Solid(
+                solid.density, material_of(solid, f"solid.{name}"), getattr(solid, "formulation", "displacement")
+            )
             for region, (name, solid) in enumerate(scene.solid.items(), start=FLUID_REGION + 1)
         },
         gravity=(scene.gravity.x, scene.gravity.y) if scene.gravity else (0.0, 0.0),
@@ -187,9 +189,10 @@ def _viscosity(fluid: Any) -> viscosity.Viscosity:
     return VISCOSITIES[fluid.law](fluid)
 
 
-def _material(name: str, solid: Any) -> materials.Material:
+def material_of(solid: Any, key: str = "solid") -> materials.Material:
+    """Return the law of a scene's solid; raises ``ValueError``, with its key, if it has no entry in ``MATERIALS``."""
     if solid.material not in MATERIALS:
-        raise ValueError(f"solid.{name}: the reference checker does not know the material {solid.material!r}")
+        raise ValueError(f"{key}: the reference checker does not know the material {solid.material!r}")
     return MATERIALS[solid.material](solid)
 
 

@@ -4,9 +4,14 @@ The argument everywhere is the displacement gradient H = F - I, not F: near rest
 strain, H + H^T + H^T H does not. A new material is one subclass of ``Material``: ``energy``, its derivative
 ``first_piola``, and ``stiffness``; or of ``SplitMaterial``, if it shall be usable with a pressure of its own too. All
 formulas are analytic in H, so that a complex step passes through them.
+
+The energy also takes H with a stretch across the plane: (..., 3, 3) with H_13, H_23, H_31 and H_32 zero. Its derivative
+by H_33 is the stress across the plane (``stress_across``), which no law of the plane alone knows.
 """
 
+import itertools
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,15 +23,23 @@ Array = NDArray[Any]
 
 IDENTITY = np.eye(2)
 
+_STEP = 1e-30  # of the derivative across the plane
+_SAME = 1e-10
+# The same stretches in all directions of space: an isotropic body cannot tell them apart.
+_STRETCHES = tuple(itertools.permutations((0.2, -0.1, 0.0)))
+_PLANE_ALONE = "the energy of this material is one of the plane alone: the stress across the plane is not known"
+
 
 def trace(tensor: Array) -> Array:
-    """Trace over the last two axes, (..., 2, 2) to (...)."""
+    """Trace over the last two axes, (..., 2, 2) or (..., 3, 3) to (...)."""
     total: Array = tensor[..., 0, 0] + tensor[..., 1, 1]
+    if tensor.shape[-1] == 3:
+        total = total + tensor[..., 2, 2]
     return total
 
 
 def double_dot(first: Array, second: Array) -> Array:
-    """Product a_ij b_ij over the last two axes, without conjugation, (..., 2, 2) to (...)."""
+    """Product a_ij b_ij over the last two axes, without conjugation, (..., n, n) to (...)."""
     product: Array = np.einsum("...ij,...ij->...", first, second)
     return product
 
@@ -45,14 +58,39 @@ def cofactor(tensor: Array) -> Array:
 
 
 def determinant(tensor: Array) -> Array:
-    """Determinant of (..., 2, 2) tensors."""
+    """Determinant of the part of tensors in the plane."""
     result: Array = tensor[..., 0, 0] * tensor[..., 1, 1] - tensor[..., 0, 1] * tensor[..., 1, 0]
     return result
 
 
 def dilatation(gradient: Array) -> Array:
-    """J - 1 of the displacement gradient (..., 2, 2), (...)."""
-    return trace(gradient) + determinant(gradient)
+    """J - 1 of the displacement gradient (..., 2, 2), or of one with a stretch across the plane, (...)."""
+    plane: Array = gradient[..., 0, 0] + gradient[..., 1, 1] + determinant(gradient)
+    if gradient.shape[-1] == 2:
+        return plane
+    across = gradient[..., 2, 2]
+    volume: Array = plane + across + plane * across
+    return volume
+
+
+def stress_across(energy: Callable[[Array], Array], gradient: Array) -> Array:
+    """Stress dW/dF33 across the plane in plane strain, (...), by a complex step of the energy.
+
+    ``gradient`` is the displacement gradient (..., 2, 2); not a number where J <= 0. Raises ``ValueError`` if the
+    energy is one of the plane alone: of the same stretches in other directions it must be the same.
+    """
+    stretches = np.array(_STRETCHES)
+    try:
+        same = energy(stretches[:, :, None] * np.eye(3))
+    except (ValueError, IndexError) as error:  # shapes that do not fit together
+        raise ValueError(f"{_PLANE_ALONE} ({error})") from error
+    if not np.ptp(same) <= _SAME * np.abs(same).max():
+        raise ValueError(_PLANE_ALONE)
+    body = np.zeros((*gradient.shape[:-2], 3, 3), dtype=complex)
+    body[..., :2, :2] = gradient
+    body[..., 2, 2] = _STEP * 1j
+    result: Array = np.where(dilatation(gradient) > -1.0, energy(body).imag / _STEP, np.nan)
+    return result
 
 
 class Material(ABC):
@@ -60,7 +98,7 @@ class Material(ABC):
 
     @abstractmethod
     def energy(self, gradient: Array) -> Array:
-        """Strain energy per reference area, (...), of the displacement gradient (..., 2, 2)."""
+        """Strain energy per reference volume, (...), of the displacement gradient (..., 2, 2) or (..., 3, 3)."""
 
     @abstractmethod
     def first_piola(self, gradient: Array) -> Array:
@@ -82,7 +120,7 @@ class SplitMaterial(Material):
 
     @abstractmethod
     def base_energy(self, gradient: Array) -> Array:
-        """Part W_0 of the strain energy, (...), of the displacement gradient (..., 2, 2)."""
+        """Part W_0 of the strain energy, (...), of the displacement gradient (..., 2, 2) or (..., 3, 3)."""
 
     @abstractmethod
     def base_stress(self, gradient: Array) -> Array:
@@ -203,8 +241,9 @@ class NeoHookean(SplitMaterial):
 class MooneyRivlin(SplitMaterial):
     """Mooney-Rivlin solid, W_0 = C10 (J^(-2/3) I1 - 3) + C01 (J^(-4/3) I2 - 3), kappa = K, U = (J - 1)^2 / 2.
 
-    In plane strain C33 = 1: I1 = 3 + i1 with i1 = |F|^2 - 2 and I2 = 3 + i2 with i2 = i1 + j, j = J^2 - 1. Their
-    derivatives are 2 F and 2 F + 2 J^2 F^-T, that of a power is d(J^a) = a J^a F^-T : dF. So
+    I1 = 3 + i1 with i1 = tr(C - I) and I2 = 3 + i2 with i2 = 2 i1 + (i1^2 - tr (C - I)^2)/2. In plane strain C33 = 1:
+    i1 = |F|^2 - 2 and i2 = i1 + j, j = J^2 - 1. Their derivatives are 2 F and 2 F + 2 J^2 F^-T, that of a power is
+    d(J^a) = a J^a F^-T : dF. So
 
         d(J^(-2/3) I1) = 2 J^(-2/3) [F - (1 + i1/3) F^-T]             = 2 J^(-2/3) [(F - F^-T) - i1/3 F^-T]
         d(J^(-4/3) I2) = 2 J^(-4/3) [F + (J^2 - 2 - 2/3 i2) F^-T]     = 2 J^(-4/3) [(F - F^-T) + (j - 2 i1)/3 F^-T]
@@ -219,9 +258,9 @@ class MooneyRivlin(SplitMaterial):
 
     def base_energy(self, gradient: Array) -> Array:
         """W_0 by J^a (3 + i) - 3 = (J^a - 1)(3 + i) + i."""
-        change, log = dilatation(gradient), _log_jacobian(gradient)
-        first = _first_invariant(gradient)
-        second = first + change * (2.0 + change)
+        log, first = _log_jacobian(gradient), _first_invariant(gradient)
+        strain = gradient + transpose(gradient) + transpose(gradient) @ gradient
+        second = 2.0 * first + (first**2 - double_dot(strain, strain)) / 2.0
         result: Array = self.c10 * (np.expm1(-2.0 / 3.0 * log) * (3.0 + first) + first) + self.c01 * (
             np.expm1(-4.0 / 3.0 * log) * (3.0 + second) + second
         )
@@ -311,7 +350,7 @@ def _log1p(change: Array) -> Array:
 
 
 def _first_invariant(gradient: Array) -> Array:
-    """I1 - 3 = |F|^2 - 2 = 2 tr H + H : H of the displacement gradient H, (...)."""
+    """I1 - 3 = tr(C - I) = 2 tr H + H : H of the displacement gradient H, (...)."""
     return 2.0 * trace(gradient) + double_dot(gradient, gradient)
 
 

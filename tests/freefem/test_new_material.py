@@ -12,6 +12,7 @@ import textwrap
 from dataclasses import dataclass
 from pathlib import Path
 
+import meshio
 import numpy as np
 import pandas as pd
 import pytest
@@ -185,6 +186,28 @@ def test_without_its_own_constants_it_is_mooney_rivlin_without_the_second(copy, 
     assert_same(state_of(folder), state_of(mooney.directory))
     tip = json.loads((flap / "result.json").read_text())["quantities"]["tip_ux"]
     assert abs(tip / mooney.quantities["tip_ux"] - 1) > 0.01, "the other constants shall matter"
+
+
+def walls(material: str, **values: float) -> list[str]:
+    numbers = ", ".join(f"{name}={value}" for name, value in values.items())
+    solid = f'{{material="{material}", density=1120, bulk_modulus=1e5, {numbers}}}'
+    return [f"solid.vessel={solid}", f"solid.dome={solid}"]
+
+
+def test_in_an_aneurysm_it_has_its_effective_stress(copy, solved):
+    """Of the checker's law, across the plane too: without its own constants that of Mooney-Rivlin."""
+    own = run(copy, "aneurysm", "aneurysm", *walls(PIECES.material, c1=3e4, c2=1e5, c3=1e5), "output.vtu=true")
+    result = json.loads((own / "result.json").read_text())
+    assert (result["status"], result["not_evaluated"], result["check_failures"]) == ("converged", [], [])
+    assert np.nanmax(meshio.read(own / "fields.vtu").point_data["effective_stress"]) > 1000
+    folder = run(copy, "aneurysm", "aneurysm-c1", *walls(PIECES.material, c1=3e4, c2=0, c3=0))
+    plain = json.loads((folder / "result.json").read_text())["quantities"]
+    mooney = solved("aneurysm", *FRESH, *walls("mooney-rivlin", c10=3e4, c01=0)).quantities
+    names = [name for name in plain if name.startswith("effective_stress")]
+    assert len(names) == 3
+    for name in names:
+        assert plain[name] == pytest.approx(mooney[name], rel=1e-8)
+    assert abs(result["quantities"]["effective_stress_max"] / plain["effective_stress_max"] - 1) > 1e-3
 
 
 def test_nothing_else_was_touched(copy, flap):
