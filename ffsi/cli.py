@@ -303,7 +303,9 @@ def _finish(results: Sequence[Result], directory: Path) -> None:
     for result in results:
         if not result.converged:
             show.error(f"{result.reason}; what there is lies in {directory}")
-    raise typer.Exit(worst([result.failure for result in results]))
+        for note in result.not_evaluated:
+            show.error(f"not evaluated: {note['what']}: {note['why']}")
+    raise typer.Exit(worst([result.failure or ("not-evaluated" if result.not_evaluated else "") for result in results]))
 
 
 def _say_how_to_resume(scene: Scene, directory: Path) -> None:

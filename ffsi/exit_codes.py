@@ -8,6 +8,7 @@ CHECK_FAILED, BAD_INPUT, NOT_CONVERGED, NO_FREEFEM = 1, 2, 3, 4
 EXIT_OF = {
     "": 0,
     "check": CHECK_FAILED,
+    "not-evaluated": CHECK_FAILED,
     "not-converged": NOT_CONVERGED,
     "not-reached": NOT_CONVERGED,
     "stopped": NOT_CONVERGED,
@@ -16,6 +17,6 @@ EXIT_OF = {
 
 
 def worst(failures: Sequence[str]) -> int:
-    """Return the exit code of several runs from their `Result.failure`."""
+    """Return the exit code of several runs from their `Result.failure`, or "not-evaluated"."""
     codes = {EXIT_OF[failure] for failure in failures}
     return next((code for code in (NO_FREEFEM, NOT_CONVERGED, CHECK_FAILED) if code in codes), 0)

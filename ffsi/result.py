@@ -16,6 +16,7 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from ffsi import folder, vtu
+from ffsi.evaluation import Evaluations, Notes
 from ffsi.fields import FLUID, Fields, FloatArray
 from ffsi.folder import InputError
 from ffsi.references import Reference
@@ -84,6 +85,11 @@ class Result:
     def check_failures(self) -> list[str]:
         """What the reference checker objects to; empty if it passed or did not run."""
         return [str(item) for item in self.data.get("check_failures", [])]
+
+    @property
+    def not_evaluated(self) -> Notes:
+        """What of a result could not be evaluated, and why: `what` and `why` of each."""
+        return list(self.data.get("not_evaluated") or [])
 
     @property
     def point(self) -> int:
@@ -240,16 +246,22 @@ class Result:
         `wall_shear_stress`, `effective_stress` (see `WallState.point_data`, `AneurysmState.point_data`); of the last
         state also `tawss`, `osi`, `rrt` of the last whole cycle (`hemodynamics.cycles.cycle_point_data`).
         """
+        return {name: value for evaluate in self.wall_fields(state).values() for name, value in evaluate().items()}
+
+    def wall_fields(self, state: str) -> Evaluations[FloatArray]:
+        """Return what `wall_data` consists of, each to be evaluated by itself."""
         walls = self.walls_at(state)
-        found = {} if walls is None else walls.point_data
+        found = {} if walls is None else walls.field_evaluations
         last = self.saved_steps[-1].new if self.saved_steps else self.state_file
-        return found | self._last_cycle if state in (last, self.state_file) else found
+        if state in (last, self.state_file) and self.scene.output.wall is not None:
+            found["fields of the last cycle"] = lambda: self._last_cycle
+        return found
 
     @property
     def _last_cycle(self) -> dict[str, FloatArray]:
         from ffsi.hemodynamics import cycles, indices
 
-        found = indices.read_cycles(self.directory) if self.scene.output.wall is not None else []
+        found = indices.read_cycles(self.directory)
         return cycles.cycle_point_data(self.scene, self._raw_mesh, found[-1]) if found else {}
 
     @cached_property

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from ffsi import folder, unsteady, vtu
+from ffsi.evaluation import Notes, attempt, gather
 from ffsi.folder import InputError
 from ffsi.freefem import Event, FreeFEMError, Installation, find_freefem, run_script
 from ffsi.render import is_runtime_parameter, render
@@ -160,7 +161,9 @@ def run_chain(
                 died = _execute(scenes[0], directory, installation, arguments, listener, threads)
             results = finisher.finish(died)
         if draw == "last":
-            _draw_last(results)
+            drawn = _draw_last(results)
+            if drawn.not_evaluated and on_result is not None:
+                on_result(drawn)
         folder.write_json(directory / folder.RESULT, _last(results).data)
     return results
 
@@ -227,15 +230,17 @@ class _Point:
             "state": state,
             "failure": failure,
             "check_failures": [],
+            "not_evaluated": [],
         }
         if not self.alone:
             data["varied"] = dict(self.varied)
+        result, notes = Result(self.scene, self.directory, data), data["not_evaluated"]
         if state is not None and not failure:
-            walls = Result(self.scene, self.directory, data).walls
-            data["quantities"] |= walls.quantities if walls is not None else {}
+            walls = attempt(notes, "walls", lambda: result.walls)
+            data["quantities"] |= gather(notes, walls.evaluations) if walls is not None else {}
         if self.scene.time is not None:
-            unsteady.complete(data, self.scene, self.directory)
-            if self.scene.output.wall and (cycles := Result(self.scene, self.directory, data).cycles):
+            attempt(notes, "motion", lambda: unsteady.complete(data, self.scene, self.directory))
+            if self.scene.output.wall and (cycles := attempt(notes, "cycles", lambda: result.cycles)):
                 data["cycles"] = cycles
                 data["quantities"] |= {key: value for key, value in cycles[-1].items() if "_" in key}
         return data
@@ -249,9 +254,9 @@ class _Point:
         begin = time.perf_counter()
         try:
             report = check_run(self.directory, self.scene, point=self.number)
-        except (ValueError, OSError) as error:  # files or parameters that do not belong to this scene
+        except Exception as error:  # files or parameters that do not belong to this scene, or whatever stops it
             logger.debug("%s: the check stopped", self.directory, exc_info=True)
-            failures, reason = [str(error)], "the reference check could not be done"
+            failures, reason = [str(error) or type(error).__name__], "the reference check could not be done"
         else:
             data["check"] = {name: getattr(report, name) for name in CHECKED}
             failures, reason = list(report.failures), "the reference check disagrees"
@@ -263,31 +268,43 @@ class _Point:
             logger.error("%s: %s", self.directory, data["reason"])
 
     def draw(self, data: dict[str, Any]) -> None:
-        """Write the VTU files and the pictures that the scene asks for."""
-        result = Result(self.scene, self.directory, data)
-        output = self.scene.output
+        """Write the VTU files and the pictures that the scene asks for; what cannot be done is noted."""
+        result, notes = Result(self.scene, self.directory, data), data["not_evaluated"]
         begin = time.perf_counter()
-        if output.vtu and result.saved_steps:
+        if self.scene.output.vtu:
+            attempt(notes, "VTU", lambda: self._write_vtu(result, notes))
+        if data["state"] is None:
+            return
+        attempt(notes, folder.WALL, lambda: self._write_wall(result))
+        written = time.perf_counter()
+        data["timings"]["output"] = _seconds(data["timings"].get("output", 0.0) + written - begin)
+        if self.scene.output.pictures:
+            with _drawing:
+                attempt(notes, "pictures", lambda: self._write_pictures(result, notes))
+        data["timings"]["pictures"] = _seconds(time.perf_counter() - written)
+
+    def _write_vtu(self, result: Result, notes: Notes) -> None:
+        """Write the saved steps, or the last state, with those fields along the walls that can be evaluated."""
+        if result.saved_steps:
             steps = (
-                (step.step, step.time, result.fields_of(step), result.wall_data(step.new))
+                (step.step, step.time, result.fields_of(step), gather(notes, result.wall_fields(step.new)))
                 for step in result.saved_steps
             )
             vtu.write_series(self.directory, steps)
-        if data["state"] is None:
-            return
+        if (state := result.state_file) and (not result.saved_steps or result.failure == "not-converged"):
+            vtu.write_vtu(self.file("fields.vtu"), result.fields, gather(notes, result.wall_fields(state)))
+
+    def _write_wall(self, result: Result) -> None:
         if (wall := result.wall) is not None:
             folder.write_text(self.file(folder.WALL), wall.to_csv(index=False))
+
+    def _write_pictures(self, result: Result, notes: Notes) -> None:
         from ffsi.report import figures
 
-        if output.vtu and (not result.saved_steps or data["failure"] == "not-converged"):
-            vtu.write_vtu(self.file("fields.vtu"), result.fields, result.wall_data(data["state"]))
-        written = time.perf_counter()
-        data["timings"]["output"] = _seconds(data["timings"].get("output", 0.0) + written - begin)
-        if output.pictures:
-            with _drawing:
-                for name in figures.available(result.fields):
-                    self.file(f"{name}.png").write_bytes(figures.to_png(result.picture(name)))
-        data["timings"]["pictures"] = _seconds(time.perf_counter() - written)
+        for name in figures.available(result.fields):
+            png = attempt(notes, f"picture of the {name}", lambda name=name: figures.to_png(result.picture(name)))  # type: ignore[misc]
+            if png is not None:
+                self.file(f"{name}.png").write_bytes(png)
 
     def save(self, data: dict[str, Any]) -> None:
         """Write the result file."""
@@ -457,11 +474,12 @@ def _write_points(directory: Path, names: Sequence[str], key_values: Sequence[Ma
     return {"points": str(path.absolute())}
 
 
-def _draw_last(results: Sequence[Result]) -> None:
+def _draw_last(results: Sequence[Result]) -> Result:
     last = _last(results)
     point = _Point(last.scene, last.directory, last.point, last.data.get("varied", {}))
     point.draw(last.data)
     point.save(last.data)
+    return last
 
 
 def _last(results: Sequence[Result]) -> Result:

@@ -7,6 +7,8 @@ from functools import cached_property, partial
 import numpy as np
 from numpy.typing import NDArray
 
+from ffsi.evaluation import Evaluations
+from ffsi.fields import FLUID
 from ffsi.hemodynamics.flow import dome_flow
 from ffsi.hemodynamics.state import WallState
 from ffsi.hemodynamics.stress import effective_stress, largest_beyond
@@ -31,31 +33,45 @@ class AneurysmState(WallState):
         return effective_stress(self.scene, self.mesh, self.state)
 
     @property
-    def quantities(self) -> dict[str, float]:
-        """Those of every flow with walls, largest effective stress, flow into the dome; in SI."""
-        found = super().quantities
-        flow = dome_flow(self.mesh, self.state, self.fields)
-        found |= {"dome_inflow": flow.inflow, "dome_area": flow.area}
-        if np.isfinite(flow.turnover_time):
-            found["turnover_time"] = flow.turnover_time
+    def evaluations(self) -> Evaluations[float]:
+        """Those of every flow with walls, flow into the dome, largest effective stress, displacement; in SI."""
+        found = super().evaluations | {"flow into the dome": self._dome_flow}
         if self.scene.solid:
-            largest = {
-                name: largest_beyond(self.mesh, values, partial(beyond_corners, self.geometry))
-                for name, values in self.effective_stress.items()
-            }
-            found["effective_stress_max"] = max(largest.values())
-            found |= {f"effective_stress_max_{name}": value for name, value in largest.items()}
-            dome = self.state.u[self.points.middle[self.points.label == DOME_WALL]]
-            found["dome_displacement_max"] = float(np.hypot(*dome.T).max())
+            found["largest effective stress"] = self._largest_stress
+            found["displacement of the dome"] = self._dome_displacement
         return found
 
+    def _dome_flow(self) -> dict[str, float]:
+        flow = dome_flow(self.mesh, self.state, self.fields)
+        found = {"dome_inflow": flow.inflow, "dome_area": flow.area}
+        return found if np.isinf(flow.turnover_time) else found | {"turnover_time": flow.turnover_time}
+
+    def _largest_stress(self) -> dict[str, float]:
+        beyond = partial(beyond_corners, self.geometry)
+        largest = {
+            name: largest_beyond(self.mesh, self.mesh.region == region, values, beyond)
+            for region, (name, values) in enumerate(self.effective_stress.items(), start=FLUID + 1)
+        }
+        found = {"effective_stress_max": float(np.max(list(largest.values())))}  # unlike max(), it passes a NaN on
+        return found | {f"effective_stress_max_{name}": value for name, value in largest.items()}
+
+    def _dome_displacement(self) -> dict[str, float]:
+        dome = self.state.u[self.points.middle[self.points.label == DOME_WALL]]
+        return {"dome_displacement_max": float(np.hypot(*dome.T).max())}
+
     @property
-    def point_data(self) -> dict[str, Floats]:
+    def field_evaluations(self) -> Evaluations[Floats]:
         """Those of every flow with walls and, with elastic ones, `effective_stress` (n2,) Pa, zero outside of them."""
-        found = super().point_data
-        if self.scene.solid:
-            found["effective_stress"] = np.nan_to_num(np.fmax.reduce(list(self.effective_stress.values())))
-        return found
+        found = super().field_evaluations
+        return found | {"field of the effective stress": self._stress_at_nodes} if self.scene.solid else found
+
+    def _stress_at_nodes(self) -> dict[str, Floats]:
+        """Effective stress of all walls, at a node of two of them the larger one; NaN within them stays a gap."""
+        values = np.zeros(self.mesh.n_p2)
+        for region, stress in enumerate(self.effective_stress.values(), start=FLUID + 1):
+            nodes = np.unique(self.mesh.p2[self.mesh.region == region])
+            values[nodes] = np.maximum(values[nodes], stress[nodes])
+        return {"effective_stress": values}
 
 
 def beyond_corners(geometry: Aneurysm, position: Floats) -> Floats:

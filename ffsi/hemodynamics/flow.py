@@ -43,7 +43,7 @@ class DomeFlow:
     @property
     def turnover_time(self) -> float:
         """Time in which the inflow fills the dome once, s; infinite without inflow."""
-        return self.area / self.inflow if self.inflow > 0 else np.inf
+        return self.area / self.inflow if self.inflow != 0 else np.inf
 
 
 def dome_flow(mesh: RawMesh, state: RawState, fields: Fields) -> DomeFlow:
@@ -62,7 +62,8 @@ def dome_flow(mesh: RawMesh, state: RawState, fields: Fields) -> DomeFlow:
     share = np.linspace(0, 1, _NECK_POINTS)[:, None]
     found = replace(fields, points=fields.deformed).sample(start + share * (end - start))
     # Within a strut nothing flows; the ends lie on the mesh up to rounding.
-    velocity = np.nan_to_num(np.column_stack([found["vx"], found["vy"]]))
+    outside = np.isnan(found["region"])[:, None]
+    velocity = np.where(outside, 0.0, np.column_stack([found["vx"], found["vy"]]))
     mean = (velocity[1:] + velocity[:-1]) / 2
     step = (end - start) / (_NECK_POINTS - 1)
     through = mean[:, 0] * step[1] - mean[:, 1] * step[0]  # from upstream to downstream the dome lies to the right

@@ -79,7 +79,7 @@ def oscillatory_shear_index(integral: ArrayLike, magnitude: ArrayLike) -> Floats
         magnitude: (n,) int |tau| dt, Pa s.
     """
     vector, size = np.asarray(integral, dtype=float), np.asarray(magnitude, dtype=float)
-    ratio = np.divide(vector, size, out=np.ones_like(size), where=size > 0)
+    ratio = np.divide(vector, size, out=np.ones_like(size), where=size != 0)
     # Of one rounding above 1 where the direction never changes.
     return np.asarray(0.5 * (1.0 - np.minimum(ratio, 1.0)))
 
@@ -130,4 +130,4 @@ def change(before: Floats, after: Floats, weight: Floats) -> float:
         weight: (n,) lengths of the edges, m.
     """
     size = float(np.sqrt(weight @ after**2))
-    return float(np.sqrt(weight @ (after - before) ** 2)) / size if size > 0 else 0.0
+    return float(np.sqrt(weight @ (after - before) ** 2)) / size if size != 0 else 0.0

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from ffsi.evaluation import Evaluations
 from ffsi.fields import Fields
 from ffsi.hemodynamics.flow import rates
 from ffsi.hemodynamics.parts import over_parts, wall_frame
@@ -64,15 +65,32 @@ class WallState:
         )
 
     @property
+    def evaluations(self) -> Evaluations[float]:
+        """What `quantities` consists of, by what it is in words: one that fails takes no other with it."""
+        return {
+            "flow rates": lambda: rates(self.mesh, self.state),
+            "wall shear stress by part": self._stress_by_part,
+        }
+
+    def _stress_by_part(self) -> dict[str, float]:
+        size = np.hypot(*self.wall_shear_stress.T)
+        parts = over_parts(self.scene, self.points, size, deformed_length(self.points, self.state))
+        return {f"wss_{what}_{part}": value for part, values in parts.items() for what, value in values.items()}
+
+    @property
     def quantities(self) -> dict[str, float]:
         """Flow rates and their balance, wall shear stress by part; in SI."""
-        found = rates(self.mesh, self.state)
-        size = np.hypot(*self.wall_shear_stress.T)
-        for part, values in over_parts(self.scene, self.points, size, deformed_length(self.points, self.state)).items():
-            found |= {f"wss_{what}_{part}": value for what, value in values.items()}
-        return found
+        return {name: value for evaluate in self.evaluations.values() for name, value in evaluate().items()}
+
+    @property
+    def field_evaluations(self) -> Evaluations[Floats]:
+        """What `point_data` consists of, likewise."""
+        return {"field of the wall shear stress": self._stress_at_walls}
+
+    def _stress_at_walls(self) -> dict[str, Floats]:
+        return {"wall_shear_stress": at_nodes(self.points, self.wall_shear_stress, self.mesh.n_p2)}
 
     @property
     def point_data(self) -> dict[str, Floats]:
         """Fields for ParaView: `wall_shear_stress` (n2, 2) Pa, NaN off the walls."""
-        return {"wall_shear_stress": at_nodes(self.points, self.wall_shear_stress, self.mesh.n_p2)}
+        return {name: value for evaluate in self.field_evaluations.values() for name, value in evaluate().items()}

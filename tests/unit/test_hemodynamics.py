@@ -14,6 +14,9 @@ from ffsi.hemodynamics.state import WallState, reports_walls
 from ffsi.hemodynamics.stress import cauchy_stress, effective_stress, largest_beyond, von_mises
 from ffsi.hemodynamics.walls import at_nodes, deformed_length, wall_points, wall_shear_stress
 from ffsi.rawfiles import RawMesh, RawState
+from ffsi.reference.from_scene import MATERIALS
+from ffsi.reference.materials import IDENTITY
+from ffsi.reference.materials import StVenantKirchhoff as StVenantKirchhoffLaw
 from ffsi.scene import CASES, Aneurysm, Scene
 from ffsi.scene.fluids import Carreau, Casson, Newtonian, PowerLaw
 from ffsi.scene.materials import MooneyRivlin, NeoHookean, StVenantKirchhoff
@@ -220,6 +223,31 @@ def test_of_an_incompressible_solid_the_pressure_is_its_own() -> None:
     assert von_mises(stress[None]) == pytest.approx(np.sqrt(0.5**2 + 3 * 1.0**2))
 
 
+def test_a_law_of_the_plane_alone_has_no_stress_across_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its formula may take no third stretch at all, or take it for none."""
+
+    class Plane(StVenantKirchhoffLaw):
+        def energy(self, gradient: np.ndarray) -> np.ndarray:
+            return super().energy(gradient[..., :2, :2])
+
+    class TwoByTwo(StVenantKirchhoffLaw):
+        def energy(self, gradient: np.ndarray) -> np.ndarray:
+            return np.asarray(super().energy(gradient) + 0 * (IDENTITY + gradient)[..., 0, 0])
+
+    gradient = np.zeros((1, 2, 2))
+    for law in (Plane, TwoByTwo):
+        monkeypatch.setitem(MATERIALS, "st-venant-kirchhoff", lambda solid, law=law: law(*solid.lame))
+        with pytest.raises(ValueError, match="one of the plane alone"):
+            cauchy_stress(LAWS[1], gradient)
+
+
+@pytest.mark.parametrize("law", LAWS, ids=lambda law: law.material)
+def test_where_j_is_not_positive_there_is_no_stress(law: object) -> None:
+    turned, plain = [[-1.5, 0.0], [0.0, 0.0]], [[0.1, 0.0], [0.0, 0.0]]
+    stress = von_mises(cauchy_stress(law, np.array([turned, plain])))  # type: ignore[arg-type]
+    assert np.isnan(stress).tolist() == [True, False]
+
+
 def test_effective_stress_of_a_stretched_wall() -> None:
     mesh = structured_mesh()  # with one solid, region 2
     scene = CASES["flap-neo-hookean"]
@@ -265,11 +293,18 @@ def test_the_largest_stress_is_taken_up_to_the_zone_s_end() -> None:
     mesh = structured_mesh(5, 2, 2.0, 0.5)
     x = mesh.p2_coordinates[:, 0]
     end = 0.537
-    assert largest_beyond(mesh, (2 - x) ** 2, lambda at: at[..., 0] - end) == pytest.approx((2 - end) ** 2, rel=1e-12)
+    every = np.full(len(mesh.region), True)
+    found = largest_beyond(mesh, every, (2 - x) ** 2, lambda at: at[..., 0] - end)
+    assert found == pytest.approx((2 - end) ** 2, rel=1e-12)
     # Nodes of the solid are 0.2 apart: nearest to the top are 0.8 and 1.
-    assert largest_beyond(mesh, 3 - (x - 0.9) ** 2, lambda at: at[..., 0]) == pytest.approx(3, rel=1e-4)
-    with_fluid = np.where(x > 1.5, np.nan, x)
-    assert largest_beyond(mesh, with_fluid, lambda at: at[..., 0]) < 1.5
+    assert largest_beyond(mesh, every, 3 - (x - 0.9) ** 2, lambda at: at[..., 0]) == pytest.approx(3, rel=1e-4)
+    with_fluid = np.where(x > 1.7, np.nan, x)
+    assert largest_beyond(mesh, (x < 1.7)[mesh.p2].all(axis=1), with_fluid, lambda at: at[..., 0]) < 1.7
+    # What is no number is no number; within the zone nobody looks.
+    assert np.isnan(largest_beyond(mesh, every, with_fluid, lambda at: at[..., 0]))
+    assert largest_beyond(mesh, every, with_fluid, lambda at: 1.5 - at[..., 0]) == pytest.approx(1.5)
+    with pytest.raises(ValueError, match="no edge lies beyond the zone"):
+        largest_beyond(mesh, every, x, lambda at: -1 - at[..., 0])
 
 
 def test_where_the_zone_around_corners_ends() -> None:

@@ -1,0 +1,99 @@
+"""What cannot be evaluated is noted, and takes neither the result nor other evaluations with it."""
+
+import json
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from run_folders import FakeCheck, FakeFreeFEM
+
+from ffsi import run
+from ffsi.cli import main
+from ffsi.evaluation import Notes, attempt, gather
+from ffsi.folder import InputError
+from ffsi.hemodynamics.state import WallState
+from ffsi.result import Result, load_result
+from ffsi.scene import load_scene
+
+LEVEL = ["--set", "mesh.level=0"]
+
+
+def fails(text: str = "no such thing") -> Callable[..., None]:
+    def failing(*_: object, **__: object) -> None:
+        raise RuntimeError(text)
+
+    return failing
+
+
+def test_a_failing_evaluation_is_noted_once_and_the_others_stay() -> None:
+    notes: Notes = []
+    found = gather(notes, {"one": lambda: {"a": 1.0}, "two": fails("broken\n  twice"), "three": lambda: {"b": np.inf}})
+    assert found == {"a": 1.0, "b": np.inf}
+    assert attempt(notes, "two", fails("broken twice")) is None
+    assert notes == [{"what": "two", "why": "broken twice"}]
+
+
+def test_what_is_no_number_is_no_value() -> None:
+    notes: Notes = []
+    field = np.array([1.0, np.nan])  # a gap of a field
+    found = gather(notes, {"part": lambda: {"a": np.float64("nan"), "b": 2.0}, "field": lambda: {"c": field}})
+    assert found == {"b": 2.0, "c": field}
+    assert notes == [{"what": "a", "why": "it is not a number"}]
+
+
+def test_an_interrupt_is_no_failure() -> None:
+    def interrupted() -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        attempt([], "any", interrupted)
+
+
+def test_a_run_keeps_what_can_be_evaluated(tmp_path, freefem: FakeFreeFEM, check: FakeCheck, monkeypatch) -> None:
+    draw = Result.picture
+    broken = fails("no ink")
+    monkeypatch.setattr(Result, "picture", lambda self, name: broken() if name == "velocity" else draw(self, name))
+    monkeypatch.setattr("ffsi.vtu.write_vtu", fails())
+    result = run.solve(load_scene("flap-svk", ["mesh.level=0"]), tmp_path / "run")
+    assert (result.status, result.failure, len(check.calls)) == ("converged", "", 1)
+    notes = [{"what": "VTU", "why": "no such thing"}, {"what": "picture of the velocity", "why": "no ink"}]
+    assert load_result(tmp_path / "run").not_evaluated == result.not_evaluated == notes
+    there = {path.name for path in (tmp_path / "run").iterdir()}
+    assert {"pressure.png", "displacement.png"} <= there and "velocity.png" not in there
+
+
+def test_the_walls_keep_what_can_be_evaluated(tmp_path, freefem: FakeFreeFEM, check: FakeCheck, monkeypatch) -> None:
+    """Flow rates and stress along the walls of what passes for a vessel here."""
+    monkeypatch.setattr("ffsi.hemodynamics.state.reports_walls", lambda scene: True)
+    monkeypatch.setattr(WallState, "_stress_by_part", fails("no stress"))
+    monkeypatch.setattr("ffsi.hemodynamics.state.at_nodes", fails("no nodes"))
+    result = run.solve(load_scene("flap-svk", ["mesh.level=0"]), tmp_path / "run")
+    assert result.converged and "mass_balance" in result.quantities and "drag" in result.quantities
+    assert [note["what"] for note in result.not_evaluated] == [
+        "wall shear stress by part", "field of the wall shear stress",
+    ]  # fmt: skip
+    assert (tmp_path / "run" / "fields.vtu").is_file() and (tmp_path / "run" / "wall.csv").is_file()
+
+
+def test_it_is_said_and_ends_with_1(tmp_path, capsys, freefem: FakeFreeFEM, check: FakeCheck, monkeypatch) -> None:
+    monkeypatch.setattr(Result, "picture", fails("no ink"))
+    with pytest.raises(SystemExit) as stopped:
+        main(["run", "flap-svk", *LEVEL, "--out", str(tmp_path / "run")])
+    out, err = capsys.readouterr()
+    assert stopped.value.code == 1
+    assert "not evaluated: picture of the velocity: no ink" in err and "drag" in out
+    data = json.loads((tmp_path / "run" / "result.json").read_text())
+    assert data["status"] == "converged" and data["quantities"]["drag"]
+
+
+def test_a_check_that_breaks_keeps_the_solution(tmp_path, freefem: FakeFreeFEM, monkeypatch) -> None:
+    monkeypatch.setattr("ffsi.reference.check_run", fails("index out of range"))
+    result = run.solve(load_scene("flap-svk", ["mesh.level=0"]), tmp_path / "run")
+    assert (result.failure, result.solved) == ("check", True)
+    assert "could not be done: index out of range" in result.reason
+
+
+def test_bad_input_before_a_run_is_none_of_this(tmp_path, freefem: FakeFreeFEM) -> None:
+    (tmp_path / "file").write_text("x")
+    with pytest.raises(InputError):
+        run.solve(load_scene("flap-svk", ["mesh.level=0"]), tmp_path / "file")
