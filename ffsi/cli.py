@@ -44,7 +44,12 @@ OptionalCase = Annotated[
 ]
 Settings = Annotated[
     list[str],
-    typer.Option("--set", metavar="KEY=VALUE", help="Change a value of the scene; repeatable.", show_default=False),
+    typer.Option(
+        "--set",
+        metavar="KEY=VALUE",
+        help="Change a value of the scene, or remove it with KEY=none; repeatable.",
+        show_default=False,
+    ),
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON on stdout, and nothing else there.")]
 NoCheck = Annotated[bool, typer.Option("--no-check", help="Skip the independent reference check.")]

@@ -138,6 +138,7 @@ def sweep(
         SceneError: a key or a value that the scene does not accept.
         FreeFEMNotFound: no FreeFEM on this machine.
     """
+    scene = scene.settled()  # one script for the points of a chain, also where a default would follow a varied value
     chains = plan(scene, vary)
     directory = Path(out).absolute()
     definition = _definition(scene, vary)

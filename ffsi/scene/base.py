@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any, Self
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar, Self
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic_core import PydanticCustomError
@@ -31,6 +31,9 @@ class Table(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, validate_default=True)
 
+    follows: ClassVar[tuple[str, ...]] = ()
+    """Keys that follow from other values where they are not given."""
+
     def __init__(self, **values: Any) -> None:
         """Check the values."""
         try:
@@ -40,6 +43,16 @@ class Table(BaseModel):
 
     # Says that this is an ordinary constructor: pydantic must not call it for the tables within a table.
     __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
+
+    def given(self) -> dict[str, Any]:
+        """Return the table as `model_dump` does, without what follows from the other values."""
+        return _without_followers(self, self.model_dump(exclude_none=True))
+
+    def filled(self, values: Mapping[str, Any]) -> Self:
+        """Return a copy with values that follow from others: they do not count as given."""
+        copy = self.model_copy(update=dict(values))
+        object.__setattr__(copy, "__pydantic_fields_set__", set(self.model_fields_set))
+        return copy
 
     @classmethod
     def model_validate(cls, obj: Any, **options: Any) -> Self:
@@ -52,3 +65,18 @@ class Table(BaseModel):
             return super().model_validate(obj, **options)
         except ValidationError as error:
             raise SceneError(scene_problems(error, cls)) from None
+
+
+def _without_followers(table: Table, dump: dict[str, Any]) -> dict[str, Any]:
+    """Remove from the dump of a table, and of those in it, what was not given and follows from other values."""
+    for name in set(table.follows) - table.model_fields_set:
+        dump.pop(name, None)
+    for name in dump:
+        inner = getattr(table, name)
+        if isinstance(inner, Table):
+            _without_followers(inner, dump[name])
+        elif isinstance(inner, Mapping):
+            for key, item in inner.items():
+                if isinstance(item, Table):
+                    _without_followers(item, dump[name][key])
+    return dump

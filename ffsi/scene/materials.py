@@ -20,6 +20,9 @@ ELASTIC_PAIRS: tuple[tuple[str, str], ...] = (
 )
 ELASTIC_CONSTANTS: tuple[str, ...] = ("lame_lambda", "lame_mu", "young_modulus", "poisson_ratio")
 
+NEARLY_INCOMPRESSIBLE = 0.49
+"""Poisson's ratio from which on a solid that can have a pressure of its own has one unless its formulation is given."""
+
 PAIRS_TEXT = ", ".join(f"({first}, {second})" for first, second in ELASTIC_PAIRS)
 PoissonRatio = Annotated[float, Quantity("1", above=-1.0, below=0.5)]
 
@@ -78,12 +81,22 @@ class WithFormulation(Elastic):
 
     volume_constants: ClassVar[tuple[str, ...]]
     """Names of the constants that an incompressible solid does not have."""
+    follows: ClassVar[tuple[str, ...]] = ("formulation",)
 
     formulation: Literal["displacement", "mixed", "incompressible"] = Field(
         "displacement",
         description='"displacement" (unknown u only), "mixed" (u and the solid\'s pressure, any compressibility '
-        'without locking) or "incompressible" (J = 1 with the solid\'s pressure)',
+        'without locking) or "incompressible" (J = 1 with the solid\'s pressure); if absent "displacement", '
+        f'and "mixed" from a Poisson\'s ratio of {NEARLY_INCOMPRESSIBLE} on',
     )
+
+    @model_validator(mode="after")
+    def _choose(self) -> Self:
+        # Beyond rounding: 0.49 itself also where it is given by Lame's constants.
+        if "formulation" not in self.model_fields_set and self.young_poisson[1] > NEARLY_INCOMPRESSIBLE - 1e-9:
+            # Still under construction: the only place where a value of a solid is set.
+            object.__setattr__(self, "formulation", "mixed")
+        return self
 
     @property
     def mixed(self) -> bool:
@@ -170,7 +183,7 @@ class StVenantKirchhoff(CompressibleElastic):
     material: Literal["st-venant-kirchhoff"] = Field(description='material law: "st-venant-kirchhoff"')
 
 
-class NeoHookean(CompressibleElastic, WithFormulation):
+class NeoHookean(WithFormulation, CompressibleElastic):
     """Neo-Hookean solid: W = mu/2 (I1 - 3 - 2 ln J) + lambda/2 (ln J)^2, plane strain.
 
     Incompressible: W = mu/2 (I1 - 3) with J = 1, and exactly one constant, lame_mu or young_modulus = 3 lame_mu.

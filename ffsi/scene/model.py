@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Mapping
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,14 +25,13 @@ from ffsi.scene.geometry import (
 )
 from ffsi.scene.loads import Gravity, Support, Traction
 from ffsi.scene.materials import Solid
-from ffsi.scene.numerics import Mesh, MeshMotion, Output, Solver
+from ffsi.scene.numerics import SIZES, Mesh, MeshMotion, Output, Solver
 from ffsi.scene.outlet import Outlet
 from ffsi.scene.time import Time
 from ffsi.scene.toml import parse_toml, write_toml
 
 MAX_DESCRIPTION = 200
 STEP_DEFAULTS: dict[str, str | float] = {"step": "condensed", "step_tolerance": 1e-6}
-SIZES = tuple(ElementSizes.__dataclass_fields__)
 _NAME = re.compile(r"[a-z][a-z0-9-]{0,63}")
 
 
@@ -45,6 +44,8 @@ class Scene(Table):
     Raises:
         SceneError: a key or value is not valid, or the tables do not fit together.
     """
+
+    follows: ClassVar[tuple[str, ...]] = ("mesh_motion", "forces")
 
     name: str = Field(description="name: a small letter, then small letters, digits and dashes, at most 64 in all")
     description: str = Field("", description="one line of plain text, at most 200 characters")
@@ -119,11 +120,11 @@ class Scene(Table):
             self._fill("inflow", with_mean_velocity(self.inflow, self.geometry.inlet.height))
         missing = self._missing_of_mesh()
         if missing:
-            self._fill("mesh", self.mesh.model_copy(update=missing))
+            self._fill("mesh", self.mesh.filled(missing))
         if isinstance(self.geometry, ChannelGeometry) and self.fluid and self.forces is None:
             self._fill("forces", Forces(reference_length=self.geometry.reference_length))
-        if self.fluid and self.solid and self.mesh_motion is None:
-            self._fill("mesh_motion", MeshMotion())
+        if self.fluid and self.solid:
+            self._fill("mesh_motion", (self.mesh_motion or MeshMotion()).of_scene(self.steady))
         if self.time:
             missing_step = {key: value for key, value in STEP_DEFAULTS.items() if getattr(self.solver, key) is None}
             if missing_step:
@@ -268,6 +269,10 @@ class Scene(Table):
     def probes(self) -> dict[str, tuple[float, float]]:
         """Further reference points (x, y) in m by name, where NAME_ux and NAME_uy are taken; none if nothing moves."""
         return self.geometry.probe_points if self.solid else {}
+
+    def settled(self) -> Self:
+        """Return the scene with what was filled in as if it were given: it stays when other values change."""
+        return type(self).model_validate(self.model_dump(exclude_none=True))
 
     def exact_areas(self) -> dict[str, float]:
         """Return the area in m^2 of every region, in the regions' order."""

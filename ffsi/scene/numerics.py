@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal, Self
 
-from pydantic import Field, StrictBool
+from pydantic import Field, StrictBool, model_validator
 
 from ffsi.scene.base import Table
 from ffsi.scene.units import Count, Duration, Length, NonNegativeNumber, PositiveNumber, Quantity
 
+SIZES = ("growth", "far_size", "body_size", "corner_size")
+DIVERGENCE_WEIGHTS = {"harmonic": 1.0, "linear-elastic": 16.0, "hyperelastic": 5.0}
+"""`mesh_motion.divergence_weight` by kind where it is not given."""
+
 
 class Mesh(Table):
     """The mesh; in a `Scene` the sizes that are not given have the geometry's defaults."""
+
+    follows: ClassVar[tuple[str, ...]] = SIZES
 
     level: Annotated[int, Count(0, 4)] = Field(2, description="refinement level 0 to 4 (dimensionless)")
     size_factor: PositiveNumber = Field(1.0, description="factor on every element size, dimensionless")
@@ -36,10 +42,12 @@ class MeshMotion(Table):
     its centroid to the nearest node of the interface.
     """
 
+    follows: ClassVar[tuple[str, ...]] = ("kind", "divergence_weight")
+
     kind: Literal["harmonic", "linear-elastic", "hyperelastic"] = Field(
-        "harmonic",
-        description='equation of the mesh motion: "harmonic", "linear-elastic" (both linear) or "hyperelastic" '
-        "(for large displacements)",
+        "linear-elastic",
+        description='equation of the mesh motion: "harmonic", "linear-elastic" (both linear; the latter if absent and '
+        'the scene is in time) or "hyperelastic" (for large displacements; if absent and the scene is steady)',
     )
     stiffness_exponent: NonNegativeNumber = Field(
         1.0, description="exponent m of the factor (largest area / area)^m of alpha, dimensionless"
@@ -50,8 +58,24 @@ class MeshMotion(Table):
         "dimensionless",
     )
     divergence_weight: NonNegativeNumber = Field(
-        1.0, description="weight beta of div u (harmonic, linear-elastic) or of ln J (hyperelastic), dimensionless"
+        DIVERGENCE_WEIGHTS["linear-elastic"],
+        description="weight beta of div u (harmonic, 1 if absent, linear-elastic, 16) or of ln J (hyperelastic, 5), "
+        "dimensionless",
     )
+
+    @model_validator(mode="after")
+    def _weigh(self) -> Self:
+        if "divergence_weight" not in self.model_fields_set:
+            # Still under construction: the only place where a value of a mesh motion is set.
+            object.__setattr__(self, "divergence_weight", DIVERGENCE_WEIGHTS[self.kind])
+        return self
+
+    def of_scene(self, steady: bool) -> MeshMotion:
+        """Return the mesh motion with the kind that a steady scene, or one in time, has by default."""
+        if "kind" in self.model_fields_set:
+            return self
+        kind = "hyperelastic" if steady else "linear-elastic"
+        return self.filled({"kind": kind, "divergence_weight": DIVERGENCE_WEIGHTS[kind]} | self.given())
 
 
 class Solver(Table):

@@ -28,7 +28,8 @@ _KEY = re.compile(r"[A-Za-z0-9_-]+(\.[A-Za-z0-9_-]+)*")
 def parse_overrides(overrides: Iterable[str]) -> dict[str, Any]:
     """Return dotted keys and values of texts like ``fluid.viscosity=3.5 mPa s``; of a repeated key the last.
 
-    A value is read as TOML if that is possible (numbers, true, "text", tables), else as plain text.
+    A value is read as TOML if that is possible (numbers, true, "text", tables), else as plain text; none without
+    quotes is None, which removes the key.
 
     Raises:
         SceneError: a text is not ``key=value``.
@@ -60,11 +61,13 @@ def with_values(scene: Scene, values: Mapping[str, Any]) -> Scene:
             A new velocity of the inflow (mean_velocity, peak_velocity or flow_rate) replaces the one in use, so does a
             new waveform (waveform, waveform_file or series, with their period).
             A new viscosity law, too, keeps the constants that it knows, so does a new kind of outlet.
+            None removes a key or a table. What the scene does not state but has from other values (kind of mesh motion,
+            formulation, element sizes) follows the new ones.
 
     Raises:
         SceneError: a key or value is not valid.
     """
-    table = scene.model_dump(exclude_none=True)
+    table = scene.given()
     problems = []
     if values.get("geometry.kind", scene.geometry.kind) != scene.geometry.kind:
         text = f'the scene has the geometry "{scene.geometry.kind}"; another one needs another scene'
@@ -138,11 +141,16 @@ def _put(table: dict[str, Any], key: str, value: Any) -> list[Problem]:
         table = table.setdefault(name, {})
         if not isinstance(table, dict):
             return [Problem(key, f"{'.'.join(path[: depth + 1])} is a single value, it has no keys")]
+    if value is None and last in table:
+        del table[last]
+        return []
     table[last] = copy.deepcopy(value)
     return []
 
 
 def _literal(text: str) -> Any:
+    if text == "none":
+        return None
     try:
         table = tomllib.loads(f"value = {text}")
     except (ValueError, RecursionError):

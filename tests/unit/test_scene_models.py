@@ -258,7 +258,7 @@ def test_short_scene_is_filled_in() -> None:
     assert parameters["inflow.mean_velocity"] == 0.012
     assert parameters["forces.reference_length"] == 0.15
     assert parameters["mesh_motion.stiffness_exponent"] == 1.0
-    assert parameters["mesh_motion.divergence_weight"] == 1.0
+    assert parameters["mesh_motion.divergence_weight"] == 5.0
     assert parameters["mesh_motion.distance_exponent"] == 0.0
     assert parameters["mesh.far_size"] == pytest.approx(0.75 * FlapChannel.default_sizes.far_size)
     assert scene.element_sizes == FlapChannel.default_sizes.times(scene.geometry.size)  # a lower flap, smaller elements

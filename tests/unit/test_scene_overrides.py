@@ -201,7 +201,7 @@ def test_mesh_motion_has_three_kinds() -> None:
         assert Scene.from_toml(scene.to_toml()) == scene
     assert kind(load_scene("turek-cfd1", [
         'solid.beam={material="st-venant-kirchhoff", density=1000, lame_mu=5e5, poisson_ratio=0.4}'
-    ])) == "harmonic"  # fmt: skip
+    ])) == "hyperelastic"  # fmt: skip
 
 
 def test_with_values_does_not_touch_its_arguments() -> None:

@@ -80,6 +80,7 @@ class MeshGeometry(ChannelGeometry):
 
     default_sizes: ClassVar[ElementSizes | None] = None
     free_names: ClassVar[bool] = True
+    follows: ClassVar[tuple[str, ...]] = ("tip",)
 
     kind: Literal["mesh"] = Field(description="name of the geometry")
     file: str = Field(description="mesh file that meshio reads, relative to the scene's file")
