@@ -1,7 +1,4 @@
-"""The command line.
-
-Exit codes: 0 solved and checked, 1 check failed, 2 bad input, 3 not converged, 4 FreeFEM missing or crashed.
-"""
+"""The command line; for its exit codes see `exit_codes.TEXT`."""
 
 from __future__ import annotations
 
@@ -14,21 +11,20 @@ from typing import Annotated
 
 import typer
 
-from ffsi import folder, measurements, show
-from ffsi.exit_codes import BAD_INPUT, CHECK_FAILED, NO_FREEFEM, NOT_CONVERGED, worst
+from ffsi import folder, machine, measurements, show
+from ffsi.exit_codes import BAD_INPUT, CHECK_FAILED, FAULT, INTERRUPTED, NO_FREEFEM, NOT_CONVERGED, TEXT, worst
 from ffsi.folder import InputError
-from ffsi.freefem import FreeFEMError, FreeFEMNotFound
-from ffsi.rawfiles import RawFileError
+from ffsi.freefem import FreeFEMError
 from ffsi.result import Result, load_result, load_results
 from ffsi.scene import MeshGeometry, Scene, SceneError, load_scene
+from ffsi.streams import guarded
 from ffsi.timesteps import newest_checkpoint
 from ffsi.unsteady import STOPPED, check_resumable
 
 app = typer.Typer(
     name="ffsi",
     help="Strongly coupled fluid-structure interaction in 2D with FreeFEM: solve, check, study, report.",
-    epilog="Exit codes: 0 solved and checked, 1 the independent check failed, 2 bad input, 3 not converged (partial "
-    "results are kept), 4 FreeFEM missing or crashed.",
+    epilog=TEXT,
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
@@ -57,6 +53,23 @@ Threads = Annotated[int, typer.Option("--threads", min=1, help="Threads of the l
 
 
 FIELDS = ", ".join(folder.PICTURES)
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        from ffsi.render import package_version
+
+        sys.stdout.write(f"ffsi {package_version()}\n")
+        raise typer.Exit
+
+
+@app.callback()
+def options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and end.")
+    ] = False,
+) -> None:
+    """Strongly coupled fluid-structure interaction in 2D with FreeFEM: solve, check, study, report."""
 
 
 @app.command()
@@ -94,7 +107,7 @@ def run(
     """Solve one case and check it.
 
     Exit codes: 0 solved and checked, 1 the check failed, 2 bad input, 3 not converged (partial results are kept),
-    4 FreeFEM missing or crashed.
+    4 FreeFEM missing or crashed or the machine out of disk, memory or time.
     """
     from ffsi.run import solve
 
@@ -290,18 +303,46 @@ def doctor() -> None:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line; always ends in SystemExit."""
-    logging.getLogger("ffsi.run").addHandler(logging.NullHandler())  # its failures are printed here
+    log = logging.getLogger("ffsi")
+    handler = show.LogHandler(logging.WARNING)
+    handler.addFilter(lambda record: record.name != "ffsi.run")  # its failures are printed here
+    log.addHandler(handler)
     try:
-        app(args=list(arguments) if arguments is not None else None, prog_name="ffsi")
-    except (SceneError, InputError, RawFileError) as error:
+        with guarded() as stdout:
+            code = _call(arguments)
+            stdout.flush()
+            if stdout.lost:
+                show.error(f"standard output: {stdout.lost}; what this command printed there is lost")
+                code = code or NO_FREEFEM
+    finally:
+        log.removeHandler(handler)
+    sys.exit(code)
+
+
+def _call(arguments: Sequence[str] | None) -> int:
+    """Run a command and return its exit code; whatever goes wrong is said in one place."""
+    try:
+        words = list(arguments) if arguments is not None else None
+        return int(app(args=words, prog_name="ffsi", standalone_mode=False) or 0)
+    except (SceneError, InputError) as error:
         show.error(str(error))
-        sys.exit(BAD_INPUT)
-    except (FreeFEMNotFound, FreeFEMError) as error:
+        return BAD_INPUT
+    except FreeFEMError as error:
         show.error(str(error))
-        sys.exit(BAD_INPUT if error.kind == "bad-input" else NO_FREEFEM)
+        return BAD_INPUT if error.kind == "bad-input" else NO_FREEFEM
     except OSError as error:
-        show.error(f"{error.filename or ''}: {error.strerror or error}".removeprefix(": "))
-        sys.exit(BAD_INPUT)
+        show.error(machine.words(error))
+        return NO_FREEFEM if machine.ended(error) else BAD_INPUT
+    except MemoryError:
+        show.error("the memory ended; give more of it (ulimit -v), a coarser mesh or fewer --jobs")
+        return NO_FREEFEM
+    except KeyboardInterrupt:
+        return INTERRUPTED
+    except Exception as error:
+        if hasattr(error, "format_message"):  # of the command line itself; typer has no public name for it
+            return show.usage(error)
+        show.fault(error)
+        return FAULT
 
 
 def _finish(results: Sequence[Result], directory: Path) -> None:

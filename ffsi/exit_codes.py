@@ -5,6 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 CHECK_FAILED, BAD_INPUT, NOT_CONVERGED, NO_FREEFEM = 1, 2, 3, 4
+FAULT = 70  # of ffsi itself: what a shell knows as "internal software error"
+INTERRUPTED = 130
+TEXT = (
+    "Exit codes: 0 solved and checked, 1 the independent check failed, 2 bad input (nothing was written), 3 not "
+    "converged (partial results are kept), 4 FreeFEM missing or crashed or the machine out of disk, memory or time, "
+    "70 a fault of ffsi itself, 130 interrupted."
+)
 EXIT_OF = {
     "": 0,
     "check": CHECK_FAILED,

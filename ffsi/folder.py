@@ -11,6 +11,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from ffsi import machine, reading
+from ffsi.reading import InputError as InputError
+
 SCRIPT = "case.edp"
 SCENE = "scene.toml"
 LOG = "freefem.log"
@@ -66,10 +69,6 @@ _OURS = (
     *(f"{name}.gif" for name in PICTURES),
     ".*.part",  # what a kill left
 )
-
-
-class InputError(ValueError):
-    """Something the user gave cannot be used (a folder, a range of values, ...): exit code 2 of the command line."""
 
 
 def numbered(name: str, point: int) -> str:
@@ -167,8 +166,13 @@ def is_held(directory: Path) -> bool:
 def write_text(path: Path, text: str) -> None:
     """Write `text` so that `path` holds either all of it or what it held before."""
     partial = path.with_name(f".{path.name}.{os.getpid()}.part")
-    partial.write_text(text, encoding="utf-8")
-    partial.replace(path)
+    with machine.writing(path):
+        try:
+            partial.write_text(text, encoding="utf-8")
+            partial.replace(path)
+        except OSError:
+            partial.unlink(missing_ok=True)  # on a full disk it only takes room
+            raise
 
 
 def to_json(data: Any) -> str:
@@ -187,12 +191,7 @@ def read_json(path: Path) -> dict[str, Any]:
     Raises:
         InputError: the file is missing, damaged or holds no object.
     """
-    try:
-        data = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"cannot read {path}: {error.strerror}") from error
-    except ValueError as error:
-        raise InputError(f"{path} is no valid JSON: {error}") from error
+    data = reading.read_json(path)
     if not isinstance(data, dict):
         raise InputError(f"{path} holds no JSON object")
     return data

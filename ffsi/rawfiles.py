@@ -12,15 +12,19 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ffsi.machine import writing
+from ffsi.reading import MEGABYTE, InputError, read_bytes
+
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 MESH_VERSION = 1
+MAX_BYTES = 20_000 * MEGABYTE
 _INT = np.dtype("<i8")
 _FLOAT = np.dtype("<f8")
 
 
-class RawFileError(ValueError):
+class RawFileError(InputError):
     """A binary file is truncated or does not hold what docs/formats.md says."""
 
 
@@ -59,6 +63,13 @@ class RawMesh:
         for name, numbers in (("triangles", self.triangles), ("edges", self.edges)):
             if numbers.size and not 0 <= numbers.min() <= numbers.max() < nv:
                 raise RawFileError(f"mesh: {name} names a vertex outside 0..{nv - 1}")
+        if not np.isfinite(self.vertices).all():
+            raise RawFileError(
+                f"mesh: the coordinates of vertex {_first_bad(self.vertices.sum(axis=1))} are not finite"
+            )
+        # Before anything of the size that a number names is made.
+        if not 0 <= self.p2.min() <= self.p2.max() < self.p2.size:
+            raise RawFileError(f"mesh: a P2 node outside 0..{self.p2.size - 1}")
         if not np.array_equal(np.unique(self.p2), np.arange(self.p2.max() + 1)):
             raise RawFileError("mesh: the P2 node numbers are not 0, 1, 2, ... without a gap")
 
@@ -134,10 +145,10 @@ def read_arrays(path: Path, dtypes: Sequence[type], more: type | None = None) ->
     """Read the arrays of a binary file whose element types are known (``int`` or ``float``, one per array).
 
     With ``more`` any number of arrays of that type may follow. Raises ``RawFileError`` if the file ends early, goes on
-    behind the last array, or has a senseless length, and ``OSError`` if it cannot be read.
+    behind the last array, or has a senseless length, and ``InputError`` if it cannot be read.
     """
     path = Path(path)
-    data = path.read_bytes()
+    data = read_bytes(path, MAX_BYTES)
     arrays: list[NDArray[np.generic]] = []
     offset = 0
     kinds = list(dtypes)
@@ -163,7 +174,7 @@ def read_arrays(path: Path, dtypes: Sequence[type], more: type | None = None) ->
 
 def write_arrays(path: Path, arrays: Sequence[NDArray[np.generic]]) -> None:
     """Write integer and floating-point arrays, flattened in C order, in the format that ``read_arrays`` reads."""
-    with Path(path).open("wb") as file:
+    with writing(Path(path)), Path(path).open("wb") as file:
         for array in arrays:
             kind = _INT if np.issubdtype(array.dtype, np.integer) else _FLOAT
             file.write(np.array([array.size], dtype=_INT).tobytes())

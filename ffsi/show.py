@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import logging
 import math
+import shlex
+import sys
+import tempfile
+import traceback
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,6 +22,7 @@ from ffsi.references import Reference, references_for
 from ffsi.result import Result, published_value, unit
 from ffsi.scene import CASES
 from ffsi.scene.materials import Elastic
+from ffsi.text import cut, printable
 
 if TYPE_CHECKING:
     from ffsi.reference import CheckReport
@@ -30,14 +36,63 @@ def _out() -> Console:
     return console if console.is_terminal else Console(highlight=False, width=160)  # a file has no narrow lines
 
 
+def _stderr() -> Console:
+    return Console(stderr=True, highlight=False)
+
+
+def text(value: object, style: str = "") -> Text:
+    """Return what a file or a person has named, fit for a table: no markup, no control characters."""
+    return Text(cut(value), style=style)
+
+
+def _lines(message: str) -> str:
+    return "\n".join(printable(line) for line in message.split("\n"))
+
+
 def error(message: str) -> None:
     """Print an error on stderr, as it is."""
-    Console(stderr=True, highlight=False).print(Text("error: ", style="bold red") + Text(message), soft_wrap=True)
+    _stderr().print(Text("error: ", style="bold red") + Text(_lines(message)), soft_wrap=True)
 
 
 def note(message: str) -> None:
     """Print a note on stderr."""
-    Console(stderr=True, highlight=False).print(Text(message), soft_wrap=True)
+    _stderr().print(Text(_lines(message)), soft_wrap=True)
+
+
+def usage(error_of_typer: Any) -> int:
+    """Print what is wrong with the words of the command line, and where help is; return the exit code."""
+    context = getattr(error_of_typer, "ctx", None)
+    if type(error_of_typer).__name__ == "NoArgsIsHelpError":
+        error_of_typer.show()
+    else:
+        error(error_of_typer.format_message())
+        note(f"{context.command_path if context else 'ffsi'} --help shows what is accepted")
+    return int(error_of_typer.exit_code)
+
+
+def fault(error_of_ours: Exception) -> None:
+    """Say that ffsi itself is wrong; the traceback goes into a file for whoever mends it."""
+    from ffsi.render import package_version
+
+    what = f"{type(error_of_ours).__name__}: {error_of_ours}"
+    where = "".join(traceback.format_exception(error_of_ours))
+    try:
+        with tempfile.NamedTemporaryFile(
+            "w", prefix="ffsi-fault-", suffix=".txt", delete=False, encoding="utf-8"
+        ) as file:
+            file.write(f"ffsi {package_version()}\n{shlex.join(sys.argv)}\n{where}")
+        kept = f"the details are in {file.name}"
+    except OSError:
+        kept = f"the details:\n{where}"
+    error(f"a fault of ffsi itself: {cut(what, 500)}; please report it to its authors with the command; {kept}")
+
+
+class LogHandler(logging.Handler):
+    """Prints warnings on stderr."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Print one."""
+        note(f"{record.levelname.lower()}: {cut(record.getMessage(), 2000)}")
 
 
 def progress(case: str = "", points: int | None = None) -> ProgressDisplay:
@@ -68,19 +123,19 @@ def result(done: Result) -> None:
     size = (
         f"level {data.get('level')}, {data.get('triangles') or '?'} triangles, {data.get('unknowns') or '?'} unknowns"
     )
-    console.print(Text(str(data["case"]), style="bold"), Text(done.status, style=style), Text(f"({size})"))
+    console.print(text(data["case"], "bold"), text(done.status, style), text(f"({size})"))
     when, values = done.shown_quantities
     if values:
         published = {} if when.startswith("at") else references_for(done.scene)
         console.print(quantities(values, published, f"quantity {when}".strip()))
     for line in summary(done):
-        console.print(Text(line), soft_wrap=True)
+        console.print(Text(printable(line)), soft_wrap=True)
 
 
 def quantities(values: Mapping[str, float], published: Mapping[str, Reference], heading: str = "quantity") -> Table:
     """Return the table of (flattened) quantities, with published values and errors where there are any."""
     table = Table(box=None, pad_edge=False, header_style="bold")
-    table.add_column(heading)
+    table.add_column(text(heading))
     table.add_column("value", justify="right")
     table.add_column("unit")
     if published:
@@ -92,7 +147,7 @@ def quantities(values: Mapping[str, float], published: Mapping[str, Reference], 
         cells = [name, f"{value:.7g}", unit(name)]
         if (found := published_value(name, published)) is not None:
             cells += [f"{found[0]:.7g}", f"{100 * (value - found[0]) / abs(found[0]):+.3f} %"]
-        table.add_row(*cells)
+        table.add_row(*map(text, cells))
     return table
 
 
@@ -170,14 +225,14 @@ def sweep(table: pd.DataFrame, keys: Sequence[str], out: Path) -> None:
     names = [name + ending for name in quantities for ending in endings if name + ending in table]
     shown = Table(box=None, pad_edge=False, header_style="bold")
     for name in [*keys, "status", *names, "check_maximum", "seconds"]:
-        shown.add_column(name, justify="left" if name == "status" else "right")
+        shown.add_column(text(name), justify="left" if name == "status" else "right")
     for _, line in table.iterrows():
-        cells = [f"{line[key]:g}" for key in keys]
-        cells.append(f"[{'green' if line['status'] == 'converged' else 'red'}]{line['status']}[/]")
+        cells: list[str | Text] = [f"{line[key]:g}" for key in keys]
+        cells.append(text(line["status"], "green" if line["status"] == "converged" else "red"))
         cells += [_cell(line[name], "{:.6g}") for name in names]
         shown.add_row(*cells, _cell(line["check_maximum"], "{:.1e}"), _cell(line["seconds"], "{:.1f}"))
     console.print(shown)
-    console.print(Text(f"files: {out}"), soft_wrap=True)
+    console.print(Text(printable(f"files: {out}")), soft_wrap=True)
 
 
 def checks(reports: Sequence[tuple[Result, CheckReport]]) -> None:

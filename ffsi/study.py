@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import logging
+import math
 import os
 import threading
 import tomllib
@@ -24,12 +25,15 @@ from ffsi.render import is_runtime_parameter
 from ffsi.result import Result, flatten, load_result
 from ffsi.run import CHECKED, OnEvent, OnResult, finish_point, run_chain
 from ffsi.scene import MeshGeometry, Scene, load_scene, with_values
+from ffsi.text import cut
 
 logger = logging.getLogger(__name__)
 
 Values = dict[str, float]
 TABLE = "sweep.csv"
 MAXIMUM_POINTS = 100_000
+MAXIMUM_DIGITS = 40
+_EXPONENTS = (-300, 300)
 
 
 @dataclass(frozen=True)
@@ -59,6 +63,8 @@ def parse_vary(text: str) -> tuple[str, list[float]]:
     key = key.strip()
     if not equals or not key or not values.strip():
         raise InputError(f"--vary takes KEY=START:STOP:STEP or KEY=A,B,C, not {text!r}")
+    if values.count(",") >= MAXIMUM_POINTS:
+        raise InputError(f"--vary {cut(key)}: more than {MAXIMUM_POINTS} values")
     numbers = _range(key, values) if ":" in values else [_number(key, item) for item in values.split(",")]
     if len(set(numbers)) < len(numbers):
         raise InputError(f"--vary {key}: a value occurs twice in {values!r}")
@@ -77,7 +83,20 @@ def parse_all(texts: Iterable[str]) -> dict[str, list[float]]:
         if key in varied:
             raise InputError(f"--vary {key} is given twice; list its values in one: {key}=A,B,C")
         varied[key] = values
+    check_count(varied)
     return varied
+
+
+def check_count(vary: Mapping[str, Sequence[float]]) -> None:
+    """Count the points of a sweep before one of them is made.
+
+    Raises:
+        InputError: more than MAXIMUM_POINTS.
+    """
+    count = math.prod(len(values) for values in vary.values())
+    if count > MAXIMUM_POINTS:
+        sizes = " x ".join(str(len(values)) for values in vary.values())
+        raise InputError(f"the sweep has {sizes} = {_words_of(count)} points, more than {MAXIMUM_POINTS}")
 
 
 def plan(scene: Scene, vary: Mapping[str, Sequence[float]]) -> list[Chain]:
@@ -92,6 +111,7 @@ def plan(scene: Scene, vary: Mapping[str, Sequence[float]]) -> list[Chain]:
     """
     if not vary or any(len(values) == 0 for values in vary.values()):
         raise InputError("a sweep needs at least one varied key with at least one value")
+    check_count(vary)
     for values in points(vary):
         with_values(scene, dict(values))
     along = next((key for key in reversed(list(vary)) if scene.steady and is_runtime_parameter(scene, key)), None)
@@ -282,7 +302,7 @@ def _run_on_dask(
         from distributed import Client
         from distributed import as_completed as done
     except ImportError as error:
-        raise InputError("--dask needs the package distributed: pip install 'freefem-fsi[dask]'") from error
+        raise InputError("--dask needs the package distributed: pip install distributed") from error
     try:
         client = Client(address, timeout="10s")
     except (OSError, ValueError, TimeoutError) as error:
@@ -409,22 +429,28 @@ def _range(key: str, text: str) -> list[Decimal]:
     start, stop, step = (_number(key, part) for part in parts)
     if step == 0 or (stop - start) / step < 0:
         raise InputError(f"--vary {key}: the step {step} does not lead from {start} to {stop}")
-    count = int((stop - start) / step) + 1
+    count = int((stop - start) / step) + 1  # at most 10^600: quickly computed
     if count > MAXIMUM_POINTS:
-        raise InputError(f"--vary {key}: {text!r} has {count} values, more than {MAXIMUM_POINTS}")
+        raise InputError(f"--vary {key}: {text!r} has {_words_of(count)} values, more than {MAXIMUM_POINTS}")
     return [start + i * step for i in range(count)]
 
 
+def _words_of(count: int) -> str:
+    return str(count) if count < 10**9 else f"about 1e{len(str(count)) - 1}"
+
+
 def _number(key: str, text: str) -> Decimal:
+    text = text.strip()
     try:
-        number = Decimal(text.strip())
+        number = Decimal(text) if len(text) <= MAXIMUM_DIGITS else Decimal("NaN")
     except InvalidOperation:
-        raise InputError(
-            f"--vary {key}: {text.strip()!r} is no number (units are not accepted here, values are in SI)"
-        ) from None
-    if not number.is_finite():
-        raise InputError(f"--vary {key}: {text.strip()!r} is not finite")
-    return number
+        hint = "units are not accepted here, values are in SI"
+        raise InputError(f"--vary {key}: {cut(text, 60)!r} is no number ({hint})") from None
+    # A number of the scene is a double, and what is as small as this would be nothing beside any other value.
+    if not number.is_finite() or not (number == 0 or _EXPONENTS[0] <= number.adjusted() <= _EXPONENTS[1]):
+        raise InputError(f"--vary {key}: {cut(text, 60)!r} is no finite number of at most {MAXIMUM_DIGITS} characters "
+                         f"between 1e{_EXPONENTS[0]} and 1e{_EXPONENTS[1]}")  # fmt: skip
+    return number if number else Decimal(0)  # 0e999999999
 
 
 def _value(number: Decimal) -> float:

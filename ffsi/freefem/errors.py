@@ -10,6 +10,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from ffsi.text import printable
+
 MUMPS_MEANING = {
     -1: "an error on another process",
     -2: "a wrong number of non-zeros",
@@ -41,6 +43,7 @@ class FreeFEMError(RuntimeError):
         self, kind: str, message: str, script_line: int = 0, source_line: str = "", log: Path | None = None
     ) -> None:
         """Keep the parts; `str` puts them on a few lines."""
+        message, source_line = printable(message), printable(source_line)  # they may hold names from files
         # All arguments go to RuntimeError, so that the error survives pickling between processes.
         super().__init__(kind, message, script_line, source_line, log)
         self.kind = kind
@@ -55,7 +58,7 @@ class FreeFEMError(RuntimeError):
         if self.script_line:
             lines.append(f"  line {self.script_line}: {self.source_line}".rstrip())
         if self.log is not None:
-            lines.append(f"  log: {self.log}")
+            lines.append(f"  log: {printable(self.log)}")
         return "\n".join(lines)
 
 

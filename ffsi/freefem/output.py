@@ -9,6 +9,7 @@ from types import TracebackType
 from typing import BinaryIO
 
 from ffsi.freefem.events import Event, parse_event
+from ffsi.text import printable
 
 logger = logging.getLogger(__name__)
 
@@ -66,7 +67,7 @@ class Output:
     def _line(self, line: str) -> None:
         self.tail.append(line)
         try:
-            event = parse_event(line)
+            event = parse_event(printable(line))
         except ValueError as error:
             logger.warning("%s", error)
             return

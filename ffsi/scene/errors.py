@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
+
+from ffsi.text import cut, listed, nearest, printable
+
+SHOWN_PROBLEMS = 20
+"""Problems that the text of an error shows; the rest is counted."""
+_LONGEST_MESSAGE = 6000
+
+
+__all__ = ["SHOWN_PROBLEMS", "Problem", "SceneError", "join", "names", "nearest", "number_text", "short"]
 
 
 @dataclass(frozen=True)
@@ -30,23 +38,26 @@ class Problem:
         return replace(self, key=join(prefix, self.key))
 
     def __str__(self) -> str:
-        """Return one line: key, value, what is accepted, nearest valid name."""
-        given = "" if self.value is None else f" = {self.value}"
-        hint = "" if self.nearest is None else f' (did you mean "{self.nearest}"?)'
-        return f"{self.key}{given}: {self.message}{hint}"
+        """Return one printable line: key, value, what is accepted, nearest valid name."""
+        given = "" if self.value is None else f" = {printable(self.value)}"
+        hint = "" if self.nearest is None else f' (did you mean "{cut(self.nearest)}"?)'
+        return f"{cut(self.key)}{given}: {cut(self.message, _LONGEST_MESSAGE)}{hint}"
 
 
 class SceneError(ValueError):
     """A scene, case name, file or override is not valid.
 
     Attributes:
-        problems: all problems found; the text of the error has one line for each.
+        problems: all problems found; the text of the error has one line for each of the first 20.
     """
 
     def __init__(self, problems: Sequence[Problem]) -> None:
         """Collect the problems; there is at least one."""
         self.problems: tuple[Problem, ...] = tuple(problems)
-        super().__init__("\n".join(str(problem) for problem in self.problems))
+        lines = [str(problem) for problem in self.problems[: SHOWN_PROBLEMS + 1]]
+        if (more := len(self.problems) - len(lines)) > 0:
+            lines.append(f"and {more} more problems")
+        super().__init__("\n".join(lines))
 
     def __reduce__(self) -> tuple[type[SceneError], tuple[tuple[Problem, ...]]]:
         """Keep the problems when the error travels between processes."""
@@ -58,16 +69,9 @@ def join(*keys: str) -> str:
     return ".".join(key for key in keys if key)
 
 
-def nearest(name: str, valid: Iterable[str]) -> str | None:
-    """Return the valid name most similar to ``name``, or None if none is similar."""
-    by_lower = {candidate.lower(): candidate for candidate in valid}
-    found = difflib.get_close_matches(name.lower(), list(by_lower), n=1, cutoff=0.6)
-    return by_lower[found[0]] if found else None
-
-
 def names(valid: Iterable[str]) -> str:
-    """Return the names quoted and separated by commas."""
-    return ", ".join(f'"{name}"' for name in valid)
+    """Return the names quoted and separated by commas; of very many the first."""
+    return listed(f'"{name}"' for name in valid)
 
 
 def number_text(value: float) -> str:
@@ -92,5 +96,5 @@ def short(value: Any, limit: int = 60) -> str:
             text = f"a list of {len(value)}"
         case _:
             text = str(value)
-    text = "".join(character if character.isprintable() else "?" for character in text)
+    text = printable(text)
     return text if len(text) <= limit else text[: limit - 4] + '..."' if isinstance(value, str) else text[:limit]

@@ -6,14 +6,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from ffsi.reading import MEGABYTE, InputError, read_text
 from ffsi.scene.catalogue import CASES
 from ffsi.scene.errors import Problem, SceneError, names, nearest, short
 from ffsi.scene.geometry import MeshGeometry
 from ffsi.scene.model import Scene
 from ffsi.scene.overrides import parse_overrides, with_values
 from ffsi.scene.toml import parse_toml
-
-MAX_BYTES = 1_000_000
 
 
 def load_scene(case_or_path: str | Path, overrides: Sequence[str] = ()) -> Scene:
@@ -43,7 +42,7 @@ def stored(scene: Scene, directory: Path) -> Scene:
 
 def _find(case_or_path: str | Path) -> Scene:
     path = Path(case_or_path)
-    if path.is_file():
+    if path.exists() and not path.is_dir():
         return Scene.model_validate(_located(parse_toml(_read(path), path.name), path.parent))
     if path.is_dir():
         inner = path / "scene.toml"
@@ -68,9 +67,7 @@ def _located(table: dict[str, Any], folder: Path) -> dict[str, Any]:
 
 
 def _read(path: Path) -> str:
-    if path.stat().st_size > MAX_BYTES:
-        raise SceneError([Problem("scene", f"a file of at most {MAX_BYTES} bytes is accepted", short(str(path)))])
     try:
-        return path.read_bytes().decode("utf-8-sig")
-    except UnicodeDecodeError:
-        raise SceneError([Problem("scene", "not a text file in UTF-8; TOML is accepted", short(str(path)))]) from None
+        return read_text(path, MEGABYTE)
+    except InputError as error:
+        raise SceneError([Problem("scene", f"{error}; a TOML file is accepted", short(str(path)))]) from None

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 import re
-import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -21,6 +20,7 @@ from ffsi.scene.materials import (
 )
 from ffsi.scene.model import Scene
 from ffsi.scene.outlet import KEYS, PRESSURES
+from ffsi.scene.toml import parse_value
 
 _KEY = re.compile(r"[A-Za-z0-9_-]+(\.[A-Za-z0-9_-]+)*")
 
@@ -152,8 +152,7 @@ def _literal(text: str) -> Any:
     if text == "none":
         return None
     try:
-        table = tomllib.loads(f"value = {text}")
-    except (ValueError, RecursionError):
+        value = parse_value(text)
+    except ValueError:
         return text
-    value = table["value"]
-    return value if set(table) == {"value"} and isinstance(value, int | float | str | list | dict) else text
+    return value if isinstance(value, int | float | str | list | dict) else text

@@ -10,7 +10,9 @@ from typing import Any
 import tomli_w
 
 from ffsi.scene.errors import Problem, SceneError
+from ffsi.text import cut
 
+MAX_KEYS, MAX_DEPTH = 5000, 20
 _PLACE = re.compile(r"(.*) \(at (line \d+, column \d+|end of document)\)", re.DOTALL)
 
 
@@ -25,17 +27,53 @@ def parse_toml(text: str, source: str = "TOML") -> dict[str, Any]:
         SceneError: the text is no TOML; the message has line and column.
     """
     try:
-        return tomllib.loads(text)
+        table = tomllib.loads(text)
+        _refuse_bombs(table)
+        return table
     except tomllib.TOMLDecodeError as error:
         found = _PLACE.fullmatch(str(error))
         reason, place = found.groups() if found else (str(error), "end of document")
         if place == "end of document":
             place = f"line {text.count(chr(10)) + 1}, the end"
-        printable = "".join(character if character.isprintable() else "?" for character in reason)
-        raise SceneError([Problem(source, f"not valid TOML at {place}: {printable}")]) from None
-    except (ValueError, RecursionError):
-        reason = "not accepted: a number has too many digits, or the nesting is too deep"
-        raise SceneError([Problem(source, reason)]) from None
+        raise SceneError([Problem(source, f"not valid TOML at {place}: {cut(reason, 300)}")]) from None
+    except (ValueError, RecursionError) as error:
+        reason = (
+            str(error) if isinstance(error, _BombError) else "a number has too many digits, or the nesting is too deep"
+        )
+        raise SceneError([Problem(source, f"not accepted: {reason}")]) from None
+
+
+def parse_value(text: str) -> Any:
+    """Return the value that a TOML text stands for, such as ``3``, ``"text"`` or ``{x = 1}``.
+
+    Raises:
+        ValueError: the text is no single TOML value, or one that no scene has.
+    """
+    try:
+        table = tomllib.loads(f"value = {text}")
+    except RecursionError:
+        raise ValueError("the nesting is too deep") from None
+    if set(table) != {"value"}:
+        raise ValueError("more than one value")
+    _refuse_bombs(table)
+    return table["value"]
+
+
+class _BombError(ValueError):
+    """Far more than a scene can be made of."""
+
+
+def _refuse_bombs(table: Mapping[str, Any]) -> None:
+    """Raise unless tables and lists are few and flat: what handles them later goes through them again and again."""
+    level: list[Any] = [table]
+    for _ in range(MAX_DEPTH):
+        inner = [list(item.values()) if isinstance(item, dict) else item for item in level]
+        if sum(len(values) for item, values in zip(level, inner, strict=True) if isinstance(item, dict)) > MAX_KEYS:
+            raise _BombError(f"more than {MAX_KEYS} keys")
+        level = [value for values in inner for value in values if isinstance(value, dict | list)]
+        if not level:
+            return
+    raise _BombError(f"more than {MAX_DEPTH} tables or lists within each other")
 
 
 def write_toml(table: Mapping[str, Any]) -> str:

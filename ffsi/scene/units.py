@@ -175,8 +175,8 @@ class Count:
         Raises:
             PydanticCustomError: it is no whole number or out of range.
         """
-        is_number = isinstance(value, numbers.Real) and not isinstance(value, bool)
-        if not is_number or not math.isfinite(value) or value != int(value):
+        is_whole = isinstance(value, int) or (isinstance(value, numbers.Real) and float(value).is_integer())
+        if isinstance(value, bool) or not is_whole:
             raise PydanticCustomError("count", "{text}", {"text": f"not a whole number; accepted: {self.accepted}"})
         if not self.minimum <= value <= self.maximum:
             raise PydanticCustomError("count", "{text}", {"text": f"out of range; accepted: {self.accepted}"})

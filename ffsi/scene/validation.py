@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Union, get_args, get_
 
 from pydantic import BaseModel, ValidationError
 
-from ffsi.scene.errors import Problem, join, names, nearest, short
+from ffsi.scene.errors import SHOWN_PROBLEMS, Problem, join, names, nearest, short
 
 if TYPE_CHECKING:
     from pydantic_core import ErrorDetails
@@ -21,8 +21,12 @@ _TAGS = ("kind", "material", "law")
 
 
 def scene_problems(error: ValidationError, root: Model) -> list[Problem]:
-    """Return the problems that a validation error of the model ``root`` stands for."""
-    return [problem for detail in error.errors(include_url=False) for problem in _problems(detail, root)]
+    """Return the problems that a validation error of the model ``root`` stands for; of very many the first."""
+    details = error.errors(include_url=False)
+    found = [problem for detail in details[:SHOWN_PROBLEMS] for problem in _problems(detail, root)]
+    if len(details) > SHOWN_PROBLEMS:  # each would be compared with every name that there is
+        found.append(Problem("scene", f"and {len(details) - SHOWN_PROBLEMS} more problems"))
+    return found
 
 
 def _problems(detail: ErrorDetails, root: Model) -> list[Problem]:

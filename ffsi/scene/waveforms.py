@@ -13,7 +13,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
-MAX_BYTES = 1_000_000
+from ffsi.reading import MEGABYTE, read_text
+from ffsi.text import listed
+
 COLUMNS = ["t", "value"]
 FEWEST_ROWS = 4
 _SAMPLES = 8192
@@ -83,21 +85,14 @@ def read_waveform(path: Path, harmonics: int, period: float | None = None) -> Fo
 
 
 def _samples(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    try:
-        if path.stat().st_size > MAX_BYTES:
-            raise ValueError(f"a file of at most {MAX_BYTES} bytes is accepted")
-        text = path.read_bytes().decode("utf-8-sig")
-    except UnicodeDecodeError:
-        raise ValueError("not a text file in UTF-8") from None
-    except OSError as error:
-        raise ValueError(f"{path} cannot be read: {error.strerror}") from None
+    text = read_text(path, MEGABYTE)
     try:
         table = pd.read_csv(io.StringIO(text), skipinitialspace=True, comment="#")
     except ValueError as error:
         raise ValueError(f"no table: {str(error).splitlines()[0]}") from None
     table.columns = table.columns.str.strip()
     if list(table.columns) != COLUMNS:
-        raise ValueError(f"the columns are {', '.join(map(str, table.columns))}; accepted: {', '.join(COLUMNS)}")
+        raise ValueError(f"the columns are {listed(table.columns)}; accepted: {', '.join(COLUMNS)}")
     if len(table) < FEWEST_ROWS:
         raise ValueError(f"{len(table)} rows; at least {FEWEST_ROWS} are needed")
     numbers = table.apply(pd.to_numeric, errors="coerce").to_numpy(dtype=np.float64)

@@ -1,0 +1,44 @@
+"""What the machine refuses: a full disk, a limit, too many files; told apart from input that cannot be used."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+from collections.abc import Iterator
+from pathlib import Path
+
+_WORDS = {
+    errno.ENOSPC: "the disk is full",
+    errno.EDQUOT: "the disk quota is used up",
+    errno.EFBIG: "the limit of a file's size is reached (ulimit -f)",
+    errno.EIO: "the disk does not work",
+    errno.ENOMEM: "the memory ended",
+    errno.EAGAIN: "no more processes or threads are allowed (ulimit -u)",
+    errno.EMFILE: "too many files are open (ulimit -n)",
+    errno.ENFILE: "too many files are open",
+    errno.ESTALE: "the network disk is gone",
+}
+
+
+def ended(error: OSError) -> bool:
+    """Tell whether an error is the machine's and not that of the name that was given."""
+    return error.errno in _WORDS
+
+
+def words(error: OSError) -> str:
+    """Return file and reason."""
+    reason = error.strerror or str(error)
+    if error.errno in _WORDS:
+        reason = f"{_WORDS[error.errno]} ({reason})"
+    return f"{error.filename}: {reason}" if error.filename else reason
+
+
+@contextlib.contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Give an error that has none the name of the file: a write that fails tells only the reason."""
+    try:
+        yield
+    except OSError as error:
+        if error.filename is None:
+            error.filename = str(path)
+        raise

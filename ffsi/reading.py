@@ -1,0 +1,111 @@
+"""Files that others wrote: read whole, if they are ordinary files of a size that makes sense, or refused."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import stat
+from pathlib import Path
+from typing import Any
+
+from ffsi.text import cut
+
+MEGABYTE = 1_000_000
+_LONGEST_MESSAGE = 6000  # characters
+_DIGITS = 18  # of a whole number: what fits into 64 bits
+
+
+class InputError(ValueError):
+    """Something the user gave cannot be used (a file, a folder, a range of values, ...): exit code 2 of the command."""
+
+    def __init__(self, message: str) -> None:
+        """Keep the message as one printable line: it may hold names from files."""
+        super().__init__(cut(message, _LONGEST_MESSAGE))
+
+
+def read_bytes(path: Path, at_most: int) -> bytes:
+    """Return the content of an ordinary file.
+
+    Args:
+        path: the file; a device, a pipe or a folder is refused without reading from it.
+        at_most: bytes that are accepted.
+
+    Raises:
+        InputError: no ordinary file, more than ``at_most`` bytes, or the system does not let it be read.
+    """
+    try:
+        handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)  # of a pipe, do not wait for its writer
+        with os.fdopen(handle, "rb") as file:
+            status = os.fstat(handle)
+            if not stat.S_ISREG(status.st_mode):
+                raise InputError(f"{path} is {_kind(status.st_mode)}, not a file")
+            data = file.read(at_most + 1) if status.st_size <= at_most else b""
+            if status.st_size > at_most or len(data) > at_most:
+                raise InputError(f"{path} is too large: a file of at most {at_most} bytes is accepted")
+            return data
+    except (OSError, ValueError) as error:
+        if isinstance(error, InputError):
+            raise
+        reason = error.strerror if isinstance(error, OSError) else "no name of a file"
+        raise InputError(f"{path} cannot be read: {reason}") from None
+
+
+def read_text(path: Path, at_most: int = 100 * MEGABYTE) -> str:
+    """Return the content of a text file in UTF-8, with or without a mark in front.
+
+    Raises:
+        InputError: as `read_bytes`; also for other bytes.
+    """
+    try:
+        return read_bytes(path, at_most).decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path} is no text file in UTF-8 (byte {error.start} is another)") from None
+
+
+def read_json(path: Path) -> Any:
+    """Return the content of a JSON file, of any type.
+
+    Raises:
+        InputError: as `read_text`; also for what is no JSON, a number that is none, not finite or has more than 18
+            digits, a key that occurs twice, and nesting that is too deep.
+    """
+    text = read_text(path)
+    try:
+        return json.loads(
+            text, parse_constant=_no_number, parse_float=_finite, parse_int=_whole, object_pairs_hook=_table
+        )
+    except RecursionError:
+        raise InputError(f"{path} is no valid JSON: the nesting is too deep") from None
+    except ValueError as error:
+        raise InputError(f"{path} is no valid JSON: {error}") from None
+
+
+def _kind(mode: int) -> str:
+    if stat.S_ISDIR(mode):
+        return "a folder"
+    return "a pipe" if stat.S_ISFIFO(mode) else "a device"
+
+
+def _no_number(word: str) -> float:
+    raise ValueError(f"{word} is no number")
+
+
+def _finite(text: str) -> float:
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError(f"the number {text[:20]} is too large")
+    return value
+
+
+def _whole(text: str) -> int:
+    if len(text) > _DIGITS + 1:
+        raise ValueError(f"the number {text[:20]}... has {len(text)} digits")
+    return int(text)
+
+
+def _table(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    table = dict(pairs)
+    if len(table) < len(pairs):
+        raise ValueError("a key occurs twice")
+    return table
