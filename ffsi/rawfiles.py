@@ -145,7 +145,7 @@ def read_arrays(path: Path, dtypes: Sequence[type], more: type | None = None) ->
     """Read the arrays of a binary file whose element types are known (``int`` or ``float``, one per array).
 
     With ``more`` any number of arrays of that type may follow. Raises ``RawFileError`` if the file ends early, goes on
-    behind the last array, or has a senseless length, and ``InputError`` if it cannot be read.
+    behind the last array, or has a senseless length, and ``OSError`` if it cannot be read.
     """
     path = Path(path)
     data = read_bytes(path, MAX_BYTES)

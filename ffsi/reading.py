@@ -32,35 +32,34 @@ def read_bytes(path: Path, at_most: int) -> bytes:
         at_most: bytes that are accepted.
 
     Raises:
-        InputError: no ordinary file, more than ``at_most`` bytes, or the system does not let it be read.
+        InputError: no ordinary file, or more than ``at_most`` bytes.
+        OSError: the system does not let it be read.
     """
-    try:
-        handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)  # of a pipe, do not wait for its writer
-        with os.fdopen(handle, "rb") as file:
-            status = os.fstat(handle)
-            if not stat.S_ISREG(status.st_mode):
-                raise InputError(f"{path} is {_kind(status.st_mode)}, not a file")
-            data = file.read(at_most + 1) if status.st_size <= at_most else b""
-            if status.st_size > at_most or len(data) > at_most:
-                raise InputError(f"{path} is too large: a file of at most {at_most} bytes is accepted")
-            return data
-    except (OSError, ValueError) as error:
-        if isinstance(error, InputError):
-            raise
-        reason = error.strerror if isinstance(error, OSError) else "no name of a file"
-        raise InputError(f"{path} cannot be read: {reason}") from None
+    handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)  # of a pipe, do not wait for its writer
+    with os.fdopen(handle, "rb") as file:
+        status = os.fstat(handle)
+        if not stat.S_ISREG(status.st_mode):
+            raise InputError(f"{path} is {'a pipe' if stat.S_ISFIFO(status.st_mode) else 'a device'}, not a file")
+        data = file.read(at_most + 1) if status.st_size <= at_most else b""
+        if status.st_size > at_most or len(data) > at_most:
+            raise InputError(f"{path} is too large: a file of at most {at_most} bytes is accepted")
+        return data
 
 
 def read_text(path: Path, at_most: int = 100 * MEGABYTE) -> str:
     """Return the content of a text file in UTF-8, with or without a mark in front.
 
     Raises:
-        InputError: as `read_bytes`; also for other bytes.
+        InputError: as `read_bytes`; also if it cannot be read, or holds other bytes.
     """
     try:
         return read_bytes(path, at_most).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise InputError(f"{path} is no text file in UTF-8 (byte {error.start} is another)") from None
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error.strerror}") from None
+    except ValueError as error:
+        raise error if isinstance(error, InputError) else InputError(f"{path} is no name of a file") from None
 
 
 def read_json(path: Path) -> Any:
@@ -79,12 +78,6 @@ def read_json(path: Path) -> Any:
         raise InputError(f"{path} is no valid JSON: the nesting is too deep") from None
     except ValueError as error:
         raise InputError(f"{path} is no valid JSON: {error}") from None
-
-
-def _kind(mode: int) -> str:
-    if stat.S_ISDIR(mode):
-        return "a folder"
-    return "a pipe" if stat.S_ISFIFO(mode) else "a device"
 
 
 def _no_number(word: str) -> float:

@@ -441,15 +441,17 @@ def _words_of(count: int) -> str:
 
 def _number(key: str, text: str) -> Decimal:
     text = text.strip()
+    shown = f"--vary {key}: {cut(text, 60)!r}"
+    if len(text) > MAXIMUM_DIGITS:
+        raise InputError(f"{shown} has more than {MAXIMUM_DIGITS} characters")
     try:
-        number = Decimal(text) if len(text) <= MAXIMUM_DIGITS else Decimal("NaN")
+        number = Decimal(text)
     except InvalidOperation:
-        hint = "units are not accepted here, values are in SI"
-        raise InputError(f"--vary {key}: {cut(text, 60)!r} is no number ({hint})") from None
-    # A number of the scene is a double, and what is as small as this would be nothing beside any other value.
-    if not number.is_finite() or not (number == 0 or _EXPONENTS[0] <= number.adjusted() <= _EXPONENTS[1]):
-        raise InputError(f"--vary {key}: {cut(text, 60)!r} is no finite number of at most {MAXIMUM_DIGITS} characters "
-                         f"between 1e{_EXPONENTS[0]} and 1e{_EXPONENTS[1]}")  # fmt: skip
+        raise InputError(f"{shown} is no number (units are not accepted here, values are in SI)") from None
+    if not number.is_finite():
+        raise InputError(f"{shown} is not finite")
+    if number and not _EXPONENTS[0] <= number.adjusted() <= _EXPONENTS[1]:
+        raise InputError(f"{shown} is not between 1e{_EXPONENTS[0]} and 1e{_EXPONENTS[1]}")
     return number if number else Decimal(0)  # 0e999999999
 
 
