@@ -191,7 +191,10 @@ def read_json(path: Path) -> dict[str, Any]:
     Raises:
         InputError: the file is missing, damaged or holds no object.
     """
-    data = reading.read_json(path)
+    try:
+        data = reading.read_json(path)
+    except OSError as error:
+        raise InputError(f"cannot read {path}: {error.strerror}") from error
     if not isinstance(data, dict):
         raise InputError(f"{path} holds no JSON object")
     return data

@@ -35,6 +35,8 @@ def read_bytes(path: Path, at_most: int) -> bytes:
         InputError: no ordinary file, or more than ``at_most`` bytes.
         OSError: the system does not let it be read.
     """
+    if "\0" in str(path):
+        raise InputError(f"{path} is no name of a file")
     handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)  # of a pipe, do not wait for its writer
     with os.fdopen(handle, "rb") as file:
         status = os.fstat(handle)
@@ -50,16 +52,13 @@ def read_text(path: Path, at_most: int = 100 * MEGABYTE) -> str:
     """Return the content of a text file in UTF-8, with or without a mark in front.
 
     Raises:
-        InputError: as `read_bytes`; also if it cannot be read, or holds other bytes.
+        InputError: as `read_bytes`; also for other bytes.
+        OSError: as `read_bytes`.
     """
     try:
         return read_bytes(path, at_most).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise InputError(f"{path} is no text file in UTF-8 (byte {error.start} is another)") from None
-    except OSError as error:
-        raise InputError(f"{path} cannot be read: {error.strerror}") from None
-    except ValueError as error:
-        raise error if isinstance(error, InputError) else InputError(f"{path} is no name of a file") from None
 
 
 def read_json(path: Path) -> Any:
@@ -68,6 +67,7 @@ def read_json(path: Path) -> Any:
     Raises:
         InputError: as `read_text`; also for what is no JSON, a number that is none, not finite or has more than 18
             digits, a key that occurs twice, and nesting that is too deep.
+        OSError: as `read_bytes`.
     """
     text = read_text(path)
     try:

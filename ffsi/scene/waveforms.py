@@ -85,7 +85,10 @@ def read_waveform(path: Path, harmonics: int, period: float | None = None) -> Fo
 
 
 def _samples(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    text = read_text(path, MEGABYTE)
+    try:
+        text = read_text(path, MEGABYTE)
+    except OSError as error:
+        raise ValueError(f"{path} cannot be read: {error.strerror}") from None
     try:
         table = pd.read_csv(io.StringIO(text), skipinitialspace=True, comment="#")
     except ValueError as error:
