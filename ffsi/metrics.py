@@ -38,6 +38,10 @@ _AT_PEAK, _AT_CROSSING = 0.085, 0.085
 # An amplitude below this part of the largest value is rounding.
 _ROUNDING = 1e-11
 _HARMONICS = 20
+# Periods that differ by more than this part of their standard deviation do not repeat.
+_DIFFERENT = 0.5
+_PHASES = 129
+_SAME = 1e-9  # of times
 # Parts of the whole, at its end, in which periods are looked for.
 _PARTS = tuple(2.0 ** (power / 2) for power in range(-10, 1))
 
@@ -134,7 +138,8 @@ def mean_amplitude_frequency(t: ArrayLike, y: ArrayLike, reference: ArrayLike | 
 
     Returns:
         The oscillation. With a reference the frequency is that multiple of the reference's which is strongest in `y`:
-        twice it for the drag of an oscillating beam. Without a full period all values are NaN, with the reason.
+        twice it for the drag of an oscillating beam. Without a full period, or where a step is longer than a quarter
+        of it, all values are NaN, with the reason; what does not repeat from one period to the next has no frequency.
 
     Raises:
         ValueError: the arrays do not have the same length, a value is not finite, or the times do not increase.
@@ -145,10 +150,14 @@ def mean_amplitude_frequency(t: ArrayLike, y: ArrayLike, reference: ArrayLike | 
     if len(crossings) < 2:
         return Oscillation(math.nan, math.nan, math.nan, reason=_too_few(crossings, 1))
     start, end = float(crossings[-2]), float(crossings[-1])
+    if text := _gap(times, start, end, end - start):
+        return Oscillation(math.nan, math.nan, math.nan, reason=text)
     lowest, highest = _extrema(times, values, start, end)
     found = Oscillation((highest + lowest) / 2, (highest - lowest) / 2, 1.0 / (end - start), start, end)
     if found.amplitude <= _ROUNDING * float(np.abs(values).max()):
         return replace(found, frequency=math.nan, reason="the signal is constant")
+    if not _repeats(times, values, start, end):
+        return replace(found, frequency=math.nan, reason="the signal does not repeat from one period to the next")
     if reference is None:
         return found
     return replace(found, frequency=_strongest(times, values, start, end) / (end - start))
@@ -189,6 +198,8 @@ def periodic(t: ArrayLike, y: ArrayLike, tolerance: float = 0.02, mean_tolerance
     if len(crossings) < 2 * BLOCK + 1:
         return Periodicity(False, reason=_too_few(crossings, 2 * BLOCK))
     edges = [float(crossings[-1 - 2 * BLOCK]), float(crossings[-1 - BLOCK]), float(crossings[-1])]
+    if text := _gap(times, edges[0], edges[2], (edges[2] - edges[0]) / (2 * BLOCK)):
+        return Periodicity(False, reason=text)
     blocks = [_extrema(times, values, start, end) for start, end in itertools.pairwise(edges)]
     before, after = ((high - low) / 2 for low, high in blocks)
     amplitude = abs(after - before) / after
@@ -239,7 +250,8 @@ def quantities_of_history(history: pd.DataFrame, reference: str | None = None) -
 
     Raises:
         KeyError: the history has no column `time` or no column `reference`.
-        ValueError: as `mean_amplitude_frequency`.
+        ValueError: as `mean_amplitude_frequency`; also if the times do not follow from the lengths of the steps in the
+            column `step` (s): rows are missing.
     """
     return {name: found.as_dict() for name, found in oscillations(history, reference).items()}
 
@@ -247,6 +259,8 @@ def quantities_of_history(history: pd.DataFrame, reference: str | None = None) -
 def oscillations(history: pd.DataFrame, reference: str | None = None) -> dict[str, Oscillation]:
     """Return the last full period of every quantity; arguments and errors as `quantities_of_history`."""
     t = history["time"].to_numpy(dtype=np.float64)
+    if "step" in history:
+        _refuse_missing_steps(t, history["step"].to_numpy(dtype=np.float64))
     if reference is None:
         reference = reference_column(history)
     other = None if reference is None else history[reference].to_numpy(dtype=np.float64)
@@ -267,7 +281,7 @@ def reference_column(history: pd.DataFrame) -> str | None:
     if tip in history.columns or lift not in history.columns:
         return tip if tip in history.columns else None
     if drag in history.columns and len(history):
-        sizes = history[[lift, drag]].abs().max()
+        sizes = history[[lift, drag]].abs().max(skipna=False)
         if sizes[drag] > 0 and sizes[lift] <= _ROUNDING * sizes[drag]:
             return drag
     return lift
@@ -340,6 +354,33 @@ def _signal(t: ArrayLike, y: ArrayLike) -> tuple[Array, Array]:
     if (np.diff(times) <= 0.0).any():
         raise ValueError("the times do not increase")
     return times, values
+
+
+def _refuse_missing_steps(t: Array, steps: Array) -> None:
+    """Raise ValueError where the time does not grow by the length of the step."""
+    wrong = np.flatnonzero(~(np.abs(np.diff(t) - steps[1:]) <= _SAME * (steps[1:] + np.abs(t[1:]))))
+    if len(wrong):
+        first = int(wrong[0])
+        raise ValueError(
+            f"a step of {steps[first + 1]:g} s leads from t = {t[first]:.10g} to {t[first + 1]:.10g} s: rows are missing"
+        )
+
+
+def _gap(t: Array, start: float, end: float, period: float) -> str:
+    """Return in words that a step between two times (s) is too long for a period (s); empty if none is."""
+    first, last = np.searchsorted(t, [start - period, end])
+    longest = float(np.diff(t[max(first - 1, 0) : last + 1]).max(initial=0.0))
+    return f"a step of {longest:.3g} s is too long for a period of {period:.3g} s" if longest > period / 4 else ""
+
+
+def _repeats(t: Array, y: Array, start: float, end: float) -> bool:
+    """Return whether y is much the same in the period before, or, where there is none, ends as it has begun."""
+    phase = np.linspace(start, end, _PHASES)
+    last, period = np.interp(phase, t, y), end - start
+    if start - period < t[0]:
+        return abs(float(last[-1] - last[0])) <= _DIFFERENT * float(np.ptp(last))
+    before = np.interp(phase - period, t, y)
+    return float(np.sqrt(np.mean((last - before) ** 2))) <= _DIFFERENT * float(np.std(last))
 
 
 def _too_few(crossings: Array, periods: int) -> str:

@@ -12,6 +12,7 @@ from typing import Any
 import pandas as pd
 
 from ffsi import folder, metrics
+from ffsi.evaluation import Notes, attempt
 from ffsi.folder import InputError
 from ffsi.freefem import Event
 from ffsi.metrics import Oscillation, Periodicity
@@ -130,8 +131,8 @@ def settled(scene: Scene, times: Sequence[float], values: Sequence[float]) -> Pe
     if not found:
         return found
     ramp = (scene.inflow.ramp if scene.inflow else None) or 0.0
-    period = 1.0 / metrics.mean_amplitude_frequency(times, values).frequency
-    after = (float(times[-1]) - ramp) / period
+    last = metrics.mean_amplitude_frequency(times, values)
+    after = (float(times[-1]) - ramp) / (last.end - last.start)
     if after >= PERIODS:
         return found
     text = f"only {max(after, 0.0):.1f} periods since the inflow is constant, {PERIODS} needed"
@@ -155,7 +156,7 @@ def complete(data: dict[str, Any], scene: Scene, directory: Path) -> None:
     except InputError:  # it died before the first step
         history = pd.DataFrame({"time": []})
     reached = float(history["time"].iloc[-1]) if len(history) else 0.0
-    data["quantities"] = _quantities(history)
+    data["quantities"] = _quantities(history, data.setdefault("not_evaluated", []))
     data["newton"] = _counts(directory, history)
     data["time"] = {
         "reached": reached, "end": scene.time.end, "steps": len(history), **_periodicity(scene, directory, history),
@@ -189,9 +190,9 @@ def energy_balance(history: pd.DataFrame) -> dict[str, float]:
     if history.empty or not set(parts) <= set(history):
         return {}
     last = {name: float(history[name].iloc[-1]) for name in parts}
-    scale = float(history["work"].abs().max())
+    scale = float(history["work"].abs().max(skipna=False))
     left = last["kinetic"] + last["elastic"] + last["dissipated"] - last["work"]
-    return {**last, "imbalance": left / scale if scale > 0 else 0.0}
+    return {**last, "imbalance": left / scale if scale != 0 else 0.0}
 
 
 def last_period(history: pd.DataFrame) -> Oscillation | None:
@@ -206,17 +207,15 @@ def last_period(history: pd.DataFrame) -> Oscillation | None:
     return found if math.isfinite(found.start) else None
 
 
-def _quantities(history: pd.DataFrame) -> dict[str, Any]:
+def _quantities(history: pd.DataFrame, notes: Notes) -> dict[str, Any]:
     if history.empty:
         return {}
     found: dict[str, Any] = {}
-    try:
-        for name, parts in metrics.quantities_of_history(history).items():
-            found[name] = {part: value if math.isfinite(value) else None for part, value in parts.items()}
-    except ValueError as error:
-        logger.warning("no mean, amplitude and frequency: %s", error)
+    motion = attempt(notes, "mean, amplitude and frequency", lambda: metrics.quantities_of_history(history))
+    for name, parts in (motion or {}).items():
+        found[name] = {part: value if math.isfinite(value) else None for part, value in parts.items()}
     if "min_jacobian" in history:
-        found["min_jacobian"] = float(history["min_jacobian"].min())
+        found["min_jacobian"] = float(history["min_jacobian"].min(skipna=False))
     return found
 
 

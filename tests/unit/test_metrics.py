@@ -260,6 +260,53 @@ def test_quantities_of_a_history() -> None:
     assert reference_column(history) == "tip_uy"
 
 
+@pytest.mark.parametrize("dropped", [1, 700, 1195])
+def test_a_history_without_some_rows_is_refused(dropped: int) -> None:
+    history = fsi3(times(6.0))
+    gap = history.drop(index=range(dropped, dropped + 3))
+    with pytest.raises(
+        ValueError, match=f"t = {STEP * (dropped - 1):.10g} to {STEP * (dropped + 3):.10g} s: rows are mis"
+    ):
+        quantities_of_history(gap)
+    assert quantities_of_history(history[dropped:]).keys() == quantities_of_history(history).keys()
+
+
+@pytest.mark.parametrize("column", ["tip_uy", "drag", "step", "time"])
+def test_a_history_with_what_is_no_number_is_refused(column: str) -> None:
+    history = fsi3(times(6.0))
+    history.loc[1100, column] = math.nan
+    with pytest.raises(ValueError):
+        quantities_of_history(history)
+
+
+def test_no_number_is_no_reason_to_take_the_drag() -> None:
+    flow = fsi3(times(6.0))[["time", "drag", "lift"]]
+    flow["lift"] *= 1e-12
+    flow.loc[3, "lift"] = math.nan
+    assert reference_column(flow) == "lift"
+
+
+def test_what_does_not_repeat_has_no_frequency() -> None:
+    """A drift, noise and what grows beside a periodic reference; what is periodic keeps its own."""
+    t = times(3.0)
+    reference = wave(t, 0, 1)
+    noise = np.random.default_rng(1).normal(size=len(t))
+    for y in (t, 1e-9 * noise, np.exp(4 * t) * reference, wave(t, 0, 1, F / 2)):
+        found = mean_amplitude_frequency(t, y, reference)
+        assert math.isnan(found.frequency) and found.reason == "the signal does not repeat from one period to the next"
+        assert math.isfinite(found.mean)
+    assert mean_amplitude_frequency(t, wave(t, 3, 1, 3 * F), reference).frequency == pytest.approx(3 * F, rel=1e-4)
+    assert math.isnan(mean_amplitude_frequency(t[:60], t[:60], reference[:60]).frequency)  # a period and a half
+
+
+def test_steps_that_do_not_resolve_a_period() -> None:
+    t = np.delete(times(3.0), slice(560, 575))  # a third of a period within the last one but one
+    found = mean_amplitude_frequency(t, wave(t, 0, 1))
+    assert all(math.isnan(value) for value in found.as_dict().values())
+    assert found.reason == "a step of 0.08 s is too long for a period of 0.183 s"
+    assert periodic(t, wave(t, 0, 1)).reason == found.reason
+
+
 def test_the_reference_column() -> None:
     history = fsi3(times(6.0))
     flow = history[["time", "drag", "lift"]]
