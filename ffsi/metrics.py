@@ -362,7 +362,8 @@ def _refuse_missing_steps(t: Array, steps: Array) -> None:
     if len(wrong):
         first = int(wrong[0])
         raise ValueError(
-            f"a step of {steps[first + 1]:g} s leads from t = {t[first]:.10g} to {t[first + 1]:.10g} s: rows are missing"
+            f"a step of {steps[first + 1]:g} s leads from t = {t[first]:.10g} to {t[first + 1]:.10g} s: rows are "
+            "missing"
         )
 
 
