@@ -123,6 +123,8 @@ def run(
         folder.check_usable(directory)
     if animate is not None:
         _check_animation(scene, animate)
+    if not json:
+        show.domain(scene)
     try:
         with show.progress(scene.name) as on_event:
             result = solve(
@@ -230,6 +232,8 @@ def sweep(
         raise InputError("give either --jobs or --dask, not both")
     scene = load_scene(case, settings)
     varied = study.parse_all(vary)
+    if not json and study.plan(scene, varied):  # which refuses keys and values that the scene does not accept
+        show.domain(scene)
     try:
         with show.progress(scene.name, len(study.points(varied))) as on_event:
             table = study.sweep(scene, varied, out, jobs=jobs or 1, dask=dask, check=not no_check, on_event=on_event)

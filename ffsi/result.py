@@ -16,6 +16,7 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from ffsi import folder, vtu
+from ffsi.domain import meshed
 from ffsi.evaluation import Evaluations, Notes
 from ffsi.fields import FLUID, Fields, FloatArray
 from ffsi.folder import InputError
@@ -269,6 +270,11 @@ class Result:
         from ffsi.rawfiles import read_mesh
 
         return read_mesh(self.directory / folder.MESH)
+
+    @property
+    def domain(self) -> dict[str, Any]:
+        """Areas of the `regions`, roles and lengths of the `boundaries` (`domain.meshed`); nothing without a mesh."""
+        return meshed(self.scene, self._raw_mesh) if (self.directory / folder.MESH).is_file() else {}
 
     @property
     def state_file(self) -> str | None:

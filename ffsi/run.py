@@ -238,6 +238,7 @@ class _Point:
         if state is not None and not failure:
             walls = attempt(notes, "walls", lambda: result.walls)
             data["quantities"] |= gather(notes, walls.evaluations) if walls is not None else {}
+        data |= attempt(notes, "regions and boundaries", lambda: result.domain) or {}
         if self.scene.time is not None:
             attempt(notes, "motion", lambda: unsteady.complete(data, self.scene, self.directory))
             if self.scene.output.wall and (cycles := attempt(notes, "cycles", lambda: result.cycles)):

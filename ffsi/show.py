@@ -17,10 +17,11 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from ffsi.domain import intended, words
 from ffsi.progress import ProgressDisplay
 from ffsi.references import Reference, references_for
 from ffsi.result import Result, published_value, unit
-from ffsi.scene import CASES
+from ffsi.scene import CASES, Scene
 from ffsi.scene.materials import Elastic
 from ffsi.text import cut, printable
 
@@ -113,6 +114,12 @@ def cases(entries: Sequence[Mapping[str, Any]]) -> None:
     for entry in entries:
         table.add_row(Text(entry["name"]), Text(entry["physics"]), Text(entry["description"]))
     _out().print(table)
+
+
+def domain(scene: Scene) -> None:
+    """Print what will be computed on: areas of the regions, roles and lengths of the boundaries."""
+    for line in words(intended(scene)):
+        _out().print(Text(line), soft_wrap=True)
 
 
 def result(done: Result) -> None:

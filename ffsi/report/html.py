@@ -49,6 +49,7 @@ class Section:
     reason: str = ""
     quantities_title: str = "Quantities"
     quantities: Rows | None = None
+    domain: Rows | None = None
     parameters: Rows | None = None
     check: Rows | None = None
     check_text: str = CHECK_TEXT
@@ -105,6 +106,7 @@ def _run(result: Result) -> Section:
         size=_size(data),
         reason=result.reason,
         quantities=_quantities(result),
+        domain=_domain(data),
         parameters=_pairs(("key", "value"), _parameters(result)),
         check=_pairs(
             ("relative", "value"), {key: _sign(value) for key, value in data["check"].items() if value is not None}
@@ -218,6 +220,13 @@ def _quantities(result: Result) -> Rows | None:
             ]  # fmt: skip
         body.append(cells)
     return Rows(head, body, numeric)
+
+
+def _domain(data: Mapping[str, Any]) -> Rows | None:
+    regions, sides = data.get("regions") or {}, data.get("boundaries") or {}
+    body = [[name, "region", f"{area:.6g}", "m²"] for name, area in regions.items()]
+    body += [[name, side["role"], f"{side['length']:.6g}", "m"] for name, side in sides.items()]
+    return Rows(["name", "role", "area or length", "unit"], body, [False, False, True, False]) if body else None
 
 
 def _parameters(result: Result) -> dict[str, Any]:

@@ -1,5 +1,6 @@
 """Meshes from Gmsh and the README's scene for them, through the command line: steady, in time, in a sweep."""
 
+import itertools
 import json
 import math
 import re
@@ -207,3 +208,88 @@ def test_the_mesh_of_a_case_gives_its_result(turn, solved, tmp_path) -> None:
         np.testing.assert_allclose((found[x], found[y]), turned, rtol=0, atol=1e-8 * np.hypot(*turned))
     for name in ("min_jacobian_fluid", "min_jacobian_solid", "pressure_drop"):
         assert found[name] == pytest.approx(wanted[name], rel=1e-8), name
+
+
+def beam(path: Path, curves: dict[str, str], noise: float = 0.0) -> None:
+    """Write a beam of 4 x 1 in Gmsh's format 4.1; `curves` gives the numbers of the groups of left, top and right."""
+    columns, rows = range(17), range(5)
+    number = lambda i, j: 5 * i + j + 1  # noqa: E731
+    sides = {
+        "left": [(number(0, j), number(0, j + 1)) for j in rows[:-1]],
+        "top": [(number(i, 4), number(i + 1, 4)) for i in columns[:-1]],
+        "right": [(number(16, j), number(16, j + 1)) for j in rows[:-1]],
+    }
+    cells = [
+        triangle
+        for i in columns[:-1]
+        for j in rows[:-1]
+        for a, b, c, d in [(number(i, j), number(i + 1, j), number(i + 1, j + 1), number(i, j + 1))]
+        for triangle in (((a, b, c), (a, c, d)) if (i + j) % 2 == 0 else ((a, b, d), (b, c, d)))
+    ]
+    entities = [f"{tag} 0 0 0 4 1 0 {len(curves[side].split())} {curves[side]} 0" for tag, side in enumerate(sides, 1)]
+    blocks = [(1, tag, 1, sides[side]) for tag, side in enumerate(sides, 1)] + [(2, 1, 2, cells)]
+    total = sum(len(block[-1]) for block in blocks)
+    places = np.array([(i / 4, j / 4) for i in columns for j in rows])
+    places += noise * np.random.default_rng(3).uniform(-1, 1, places.shape)
+    lines = ["$MeshFormat", "4.1 0 8", "$EndMeshFormat", "$PhysicalNames", "4", '1 5 "fixed"', '1 7 "push"']
+    lines += ['1 3 "right"', '2 1 "beam"', "$EndPhysicalNames", "$Entities", "0 3 1 0", *entities]
+    lines += ["1 0 0 0 4 1 0 1 1 0", "$EndEntities", "$Nodes", "1 85 1 85", "2 1 0 85", *map(str, range(1, 86))]
+    lines += [f"{x:.17g} {y:.17g} 0" for x, y in places] + ["$EndNodes", "$Elements", f"4 {total} 1 {total}"]
+    count = itertools.count(1)
+    for dimension, tag, kind, elements in blocks:
+        lines.append(f"{dimension} {tag} {kind} {len(elements)}")
+        lines += [f"{next(count)} {' '.join(map(str, nodes))}" for nodes in elements]
+    path.write_text("\n".join([*lines, "$EndElements", ""]))
+
+
+@pytest.mark.parametrize(
+    ("curves", "outline", "load", "tip", "shown"),
+    [
+        # One way to say it is as good as another: once for each side, reversed, in two groups. The numbers are those
+        # of the sides in one group each.
+        ({"left": "5", "top": "", "right": "5"}, {"clamped": "fixed"}, "gravity", -0.0129073, "clamped 2 m, free 8 m"),
+        ({"left": "5", "top": "", "right": "-5"}, {"clamped": "fixed"}, "gravity", -0.0129073, "clamped 2 m, free 8 m"),
+        ({"left": "5", "top": "7", "right": "3 7"}, {"clamped": "fixed", "loaded": "push"}, "traction", -0.220858,
+         "clamped 1 m, free 4 m, loaded 5 m"),
+        ({"left": "3 5", "top": "-7", "right": "-7 -3"}, {"clamped": "fixed", "loaded": "push"}, "traction", -0.220858,
+         "clamped 1 m, free 4 m, loaded 5 m"),
+    ],
+)  # fmt: skip
+def test_sides_in_two_groups_and_reversed(curves, outline, load, tip, shown, tmp_path, capsys) -> None:
+    beam(tmp_path / "beam.msh", curves)
+    solid = {"material": "neo-hookean", "density": 1000, "young_modulus": 1e7, "poisson_ratio": 0.3}
+    table = {
+        "name": "beam",
+        "geometry": {
+            "kind": "mesh", "file": "beam.msh", "regions": {"beam": "beam"}, "boundaries": outline,
+            "tip": {"x": 2.0, "y": 0.5},
+        },
+        "solid": {"beam": solid},
+        load: {"y": -9.81 if load == "gravity" else -1e4},
+        "output": {"pictures": False},
+    }  # fmt: skip
+    (tmp_path / "scene.toml").write_text(tomli_w.dumps(table))
+    assert run("run", tmp_path / "scene.toml", "--out", tmp_path / "out") == 0
+    printed = capsys.readouterr().out
+    assert printed.startswith(f"regions: beam 4 m²\nboundaries: {shown}\nbeam converged")
+    data = json.loads((tmp_path / "out" / "result.json").read_text())
+    assert data["quantities"]["tip_uy"] == pytest.approx(tip, rel=1e-5)
+    assert data["regions"] == pytest.approx({"beam": 4.0}, rel=1e-12)
+    found = {name: f"{name} {side['length']:g} m" for name, side in data["boundaries"].items()}
+    assert ", ".join(found.values()) == shown
+    assert all(side["role"] == name for name, side in data["boundaries"].items())
+
+
+def test_coordinates_straight_from_gmsh(tmp_path) -> None:
+    """Noise of 1e-12 of the size in every coordinate, as on Gmsh's lines: the same value, and the check passes."""
+    values = []
+    for noise in (0.0, 4e-12):
+        beam(tmp_path / "beam.msh", {"left": "5", "top": "", "right": ""}, noise)
+        solid = {"material": "st-venant-kirchhoff", "density": 1000, "young_modulus": 1e7, "poisson_ratio": 0.3}
+        geometry = {"kind": "mesh", "file": "beam.msh", "regions": {"beam": 1}, "boundaries": {"clamped": 5}}
+        table = {"name": "beam", "geometry": geometry, "solid": {"beam": solid}, "gravity": {"y": -9.81}}
+        (tmp_path / "scene.toml").write_text(tomli_w.dumps(table | {"output": {"pictures": False}}))
+        assert run("run", tmp_path / "scene.toml", "--out", tmp_path / "out") == 0
+        assert largest_check(tmp_path / "out") < 1e-9
+        values.append(json.loads((tmp_path / "out" / "result.json").read_text())["quantities"]["tip_uy"])
+    assert values[1] == pytest.approx(values[0], rel=1e-9)
