@@ -13,6 +13,7 @@ from typing import Any
 
 from ffsi import machine, reading
 from ffsi.reading import InputError as InputError
+from ffsi.text import cut
 
 SCRIPT = "case.edp"
 SCENE = "scene.toml"
@@ -41,6 +42,9 @@ IN_TIME = (TIME_HISTORY, STEPS, STATES, WALL_CYCLES, *CHECKPOINTS)
 # What a run starts from.
 DEFINITION = (SCRIPT, SCENE, CHAIN, MESH_INPUT)
 PICTURES = ("velocity", "pressure", "displacement")
+
+# Bytes: what the system holds, less the longest name of a file in the folder.
+_LONGEST_PATH, _LONGEST_NAME = 4000, 255
 
 _OURS = (
     SCRIPT,
@@ -91,8 +95,10 @@ def check_usable(directory: Path) -> None:
     """Refuse a folder that a run must not write into; writes nothing.
 
     Raises:
-        InputError: `directory` is a file, a sweep, or a non-empty folder that is no run folder of ours.
+        InputError: `directory` is a file, a sweep, a non-empty folder that is no run folder of ours, one that nobody
+            may write into, or has a name that is too long.
     """
+    check_writable(directory)
     if not directory.exists():
         return
     if not directory.is_dir():
@@ -103,6 +109,24 @@ def check_usable(directory: Path) -> None:
         raise InputError(
             f"{directory} is not empty and is no run folder of ffsi; nothing was written. Give another folder"
         )
+
+
+def check_writable(directory: Path) -> None:
+    """Refuse a folder that cannot be made or written into; writes nothing.
+
+    Raises:
+        InputError: a name is too long, or nobody may write there.
+    """
+    whole = directory.absolute()
+    if len(os.fsencode(whole)) > _LONGEST_PATH or any(len(os.fsencode(part)) > _LONGEST_NAME for part in whole.parts):
+        raise InputError(
+            f"{cut(directory)}: the path is too long, at most {_LONGEST_PATH} bytes with {_LONGEST_NAME} in each name"
+        )
+    there = next(path for path in (whole, *whole.parents) if path.exists())
+    if there.is_dir() and not os.access(there, os.W_OK | os.X_OK):
+        raise InputError(f"{directory} cannot be written: {there} is read-only for you")
+    if not there.is_dir() and there != whole:
+        raise InputError(f"{directory} cannot be made: {there} is a file")
 
 
 def prepare(directory: Path) -> None:

@@ -424,6 +424,7 @@ def _execute(
             {"out": str(directory.absolute()), **_mesh_argument(scene, directory), **arguments},
             installation=installation,
             log=directory / folder.LOG,
+            cwd=directory,
             on_event=on_event,
             time_limit=scene.solver.time_limit,
             threads=threads,

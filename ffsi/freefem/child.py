@@ -38,6 +38,7 @@ class Child:
         self.exit_code = 0
         self.seconds = 0.0
         self.peak_memory = 0
+        self.cpu_seconds = 0.0
         self._reaped = False
         self._lock = threading.Lock()
 
@@ -85,6 +86,7 @@ class Child:
             _, status, usage = os.wait4(self.pid, 0)
             self._reaped = True
         self.seconds = time.monotonic() - self._start
+        self.cpu_seconds = usage.ru_utime + usage.ru_stime
         self.exit_code = self._process.returncode = os.waitstatus_to_exitcode(status)
         # Between fork and exec the child shares the memory of this process, and the kernel counts it as the child's:
         # only a larger number is its own. Otherwise the samples have to do.
@@ -102,6 +104,18 @@ class Child:
         if self.peak_memory > 0.8 * total:
             return f"it used {self.peak_memory / 2**30:.1f} of {total / 2**30:.1f} GiB"
         return ""
+
+    @property
+    def limit_evidence(self) -> dict[str, str]:
+        """Limits of the shell that may have ended the process, with their values: `cpu` only if it was reached."""
+        found = {}
+        hard = resource.getrlimit(resource.RLIMIT_CPU)[1]
+        if hard != resource.RLIM_INFINITY and self.cpu_seconds > hard - 1:
+            found["cpu"] = f"{hard} s (ulimit -t)"
+        space = resource.getrlimit(resource.RLIMIT_AS)[0]
+        if space != resource.RLIM_INFINITY:
+            found["memory"] = f"{space / 2**30:.2f} GiB (ulimit -v)"
+        return found
 
     def _has_ended(self) -> bool:
         """Whether the process is over; it stays unreaped, which keeps its group's number from being used again."""

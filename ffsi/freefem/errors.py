@@ -6,8 +6,8 @@ is 0.
 
 import re
 import signal
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from ffsi.text import printable
@@ -71,7 +71,8 @@ class Ending:
     """How a process ended: exit code (minus the signal's number when a signal ended it) and its last output.
 
     `bad_input` is the text of the script's own `@ffsi bad-input` line, `failed` that of its last `@ffsi failed`,
-    `memory_evidence` says why a SIGKILL looks like the kernel's out-of-memory killer ("" when it does not).
+    `memory_evidence` says why a SIGKILL looks like the kernel's out-of-memory killer ("" when it does not), `limits`
+    are those of the shell that may have ended it (`cpu`, `memory`).
     """
 
     exit_code: int
@@ -79,6 +80,7 @@ class Ending:
     bad_input: str | None = None
     failed: str = ""
     memory_evidence: str = ""
+    limits: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def signal(self) -> int:
@@ -107,6 +109,8 @@ def explain(ending: Ending, script: Path, log: Path | None = None) -> FreeFEMErr
     else:
         finding = _Finding("crash", _no_marker(ending))
     message = finding.message
+    if "memory" in ending.limits and finding.kind in ("out-of-memory", "mumps", "crash", "killed"):
+        message += f"; its memory is limited to {ending.limits['memory']}"
     if ending.failed and finding.kind != "bad-input":
         message += f" (the script said before: {ending.failed})"
     line, file = script_position(ending)
@@ -213,6 +217,11 @@ def _signal(ending: Ending) -> _Finding | None:
     name = signal_name(number)
     if number == signal.SIGFPE:
         return _Finding("floating-point", "SIGFPE: an integer division or remainder by zero")
+    if number == signal.SIGXCPU or (number == signal.SIGKILL and "cpu" in ending.limits):
+        limit = ending.limits.get("cpu", "what ulimit -t allows")
+        return _Finding("time-limit", f"FreeFEM used up its processor time, {limit}: signal {number}, {name}")
+    if number == signal.SIGXFSZ:
+        return _Finding("disk-full", f"a file reached the largest size that ulimit -f allows: signal {number}, {name}")
     if number == signal.SIGKILL and ending.memory_evidence:
         return _Finding("out-of-memory", f"killed by the system ({name}): {ending.memory_evidence}")
     if number in _CRASH_SIGNALS:

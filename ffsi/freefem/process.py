@@ -26,6 +26,9 @@ Argument = str | int | float | os.PathLike[str]
 FULL_DISK = 256 * 1024
 """Bytes: a run folder with less free space than this is taken as full, for FreeFEM does not report failed writes."""
 
+LONGEST_PATH = 900
+"""Bytes of a path (or another argument); FreeFEM 4.11 puts names together in 1024."""
+
 _running: set[Child] = set()
 _running_lock = threading.Lock()
 
@@ -64,7 +67,9 @@ def run_script(
 
     Output goes line by line into the file `log`; its `@ffsi` lines are handed to `on_event` as Event objects, in this
     thread. `time_limit` is in seconds of wall time, `threads` the number of BLAS threads (None: as many
-    as the environment says). Whatever ends this
+    as the environment says). `cwd` is the folder to run in, the present one without it; the script and the arguments
+    that are paths below it are handed over relative to it, for FreeFEM holds no path of more than 1000 characters and
+    writes beyond its memory. Whatever ends this
     function early (an exception of `on_event`, Ctrl-C, SIGTERM) kills the process and its children too.
 
     Raises FreeFEMError (with the kind of failure) when the script did not write its end marker or when its disk is
@@ -78,15 +83,25 @@ def run_script(
     if not folder.is_dir():
         raise FileNotFoundError(errno.ENOENT, "no such folder to run in", str(folder))
     given = dict(arguments or {})
-    flags = command_line(given)
+    flags = command_line({name: _seen_from(folder, value) for name, value in given.items()})
     used = installation or find_freefem()
     log_path = None if log is None else Path(log)
     with Output(log_path, on_event) as output, _disk_full_as_error(log_path):
-        command = [str(used.binary), "-nw", "-ns", "-v", "0", str(script), *flags]
+        command = [str(used.binary), "-nw", "-ns", "-v", "0", _seen_from(folder, script), *flags]
+        if long := [word for word in command if len(os.fsencode(word)) > LONGEST_PATH]:
+            raise ValueError(f"{long[0]} is longer than the {LONGEST_PATH} bytes that FreeFEM holds")
         child = _watch(command, used.environment(threads), folder, output, time_limit)
         output.finish()
     folders = [folder / str(given.get("out", ".")), *([log_path.parent] if log_path else [])]
     return _conclude(child, output, script, folders)
+
+
+def _seen_from(folder: Path, value: Argument) -> Argument:
+    """Return an absolute path below a folder relative to it, anything else as it is."""
+    if not isinstance(value, (str, os.PathLike)) or not Path(value).is_absolute():
+        return value
+    absolute = folder.absolute()
+    return str(Path(value).relative_to(absolute)) if Path(value).is_relative_to(absolute) else str(value)
 
 
 def command_line(arguments: Mapping[str, Argument]) -> list[str]:
@@ -163,7 +178,9 @@ def _conclude(child: Child, output: Output, script: Path, folders: list[Path]) -
     if full is not None:
         message = f"the disk of {full} is full; what the script wrote there may be cut off"
         raise FreeFEMError("disk-full", message, log=output.path)
-    ending = Ending(child.exit_code, output.tail, output.bad_input, output.failed, child.memory_evidence)
+    ending = Ending(
+        child.exit_code, output.tail, output.bad_input, output.failed, child.memory_evidence, child.limit_evidence
+    )
     marker = output.end_status
     if marker is None or (ending.signal == 0 and child.exit_code not in (0, 3)):
         raise explain(ending, script, output.path)

@@ -15,6 +15,7 @@ from types import SimpleNamespace
 import pytest
 
 from ffsi.freefem import Completed, FreeFEMError, Installation, child, process, run_script, stop_all
+from ffsi.freefem.errors import Ending, explain
 from ffsi.freefem.process import command_line
 
 END = "echo '@ffsi end status=converged'"
@@ -74,6 +75,20 @@ def test_command_environment_and_folder(fake, tmp_path):
     assert first == f"-nw -ns -v 0 {tmp_path / 'case.edp'} -mesh_level 2 -x 0.1"
     assert second == "/plugins;; /idp;; 4 4"
     assert third == str(tmp_path / "sub")
+
+
+def test_paths_below_the_folder_are_handed_over_relative_to_it(fake, tmp_path):
+    deep = tmp_path.joinpath(*["e" * 200] * 10)
+    deep.mkdir(parents=True)
+    (deep / "case.edp").write_text("")
+    installation = fake(f'echo "$@"; {END}')
+    given = {"out": str(deep), "mesh": deep / "a.mesh", "resume": str(deep / "b.bin"), "x": 0.5, "name": "a/b"}
+    run_script(deep / "case.edp", given, installation=installation, cwd=deep, log=deep / "log")
+    assert (deep / "log").read_text().splitlines()[0] == (
+        "-nw -ns -v 0 case.edp -out . -mesh a.mesh -resume b.bin -x 0.5 -name a/b"
+    )
+    with pytest.raises(ValueError, match="longer than the 900 bytes"):
+        run_script(deep / "case.edp", given, installation=installation, cwd=tmp_path, log=tmp_path / "log")
 
 
 def test_not_converged_is_a_result(fake, tmp_path):
@@ -261,6 +276,29 @@ def test_a_full_run_folder(fake, tmp_path, monkeypatch, ending):
     with pytest.raises(FreeFEMError, match="full") as caught:
         run(fake, tmp_path, ending, arguments={"out": str(tmp_path / "out")})
     assert caught.value.kind == "disk-full"
+
+
+@pytest.mark.parametrize(
+    ("ending", "kind", "fragment"),
+    [
+        ("ulimit -S -t 1; while :; do :; done", "time-limit", "used up its processor time"),
+        ("ulimit -f 1; exec head -c 100000 /dev/zero > big", "disk-full", "ulimit -f"),
+        ("kill -KILL $$", "killed", "signal 9"),
+        ("echo std::bad_alloc; exit 134", "out-of-memory", "bad_alloc"),
+    ],
+)
+def test_limits_of_the_shell_are_named(fake, tmp_path, ending, kind, fragment):
+    with pytest.raises(FreeFEMError, match=fragment) as caught:
+        run(fake, tmp_path, ending, cwd=tmp_path)
+    assert caught.value.kind == kind
+
+
+def test_limits_that_python_itself_has_are_named(tmp_path):
+    """A hard limit of processor time is a SIGKILL, one of the memory any kind of crash."""
+    ending = Ending(-signal.SIGKILL, limits={"cpu": "5 s (ulimit -t)"})
+    assert explain(ending, tmp_path / "case.edp").kind == "time-limit"
+    ending = Ending(-signal.SIGSEGV, limits={"memory": "0.50 GiB (ulimit -v)"})
+    assert "its memory is limited to 0.50 GiB (ulimit -v)" in str(explain(ending, tmp_path / "case.edp"))
 
 
 def test_a_binary_that_is_gone(fake, tmp_path):
