@@ -87,7 +87,7 @@ def run_script(
     used = installation or find_freefem()
     log_path = None if log is None else Path(log)
     with Output(log_path, on_event) as output, _disk_full_as_error(log_path):
-        command = [str(used.binary), "-nw", "-ns", "-v", "0", _seen_from(folder, script), *flags]
+        command = [str(used.binary), "-nw", "-ns", "-v", "0", str(_seen_from(folder, script)), *flags]
         if long := [word for word in command if len(os.fsencode(word)) > LONGEST_PATH]:
             raise ValueError(f"{long[0]} is longer than the {LONGEST_PATH} bytes that FreeFEM holds")
         child = _watch(command, used.environment(threads), folder, output, time_limit)
