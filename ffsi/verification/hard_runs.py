@@ -30,6 +30,8 @@ from ffsi.verification.periodic_runs import run_one
 
 REFUSED, ERROR = "refused", "error"
 """Failures beside those of a Result: a scene that is not accepted; a fault of the program."""
+KILLED = "FreeFEM died (killed)"
+"""From outside: it is to run again."""
 
 
 @dataclass(frozen=True)
@@ -141,8 +143,9 @@ def run(entry: Entry, runs: Path, on_event: OnEvent | None = None) -> Outcome:
         reason = f"{type(error).__name__}: {error} ({Path(where.filename).name}, line {where.lineno})"
         return Outcome(entry, directory, ERROR, reason)
     found["seconds"] = round(time.perf_counter() - begin, 2)
-    folder.write_json(file, {"digest": digest, "outcome": found})
-    return Outcome(entry, directory, **folder.read_json(file)["outcome"])  # as a second call has it
+    if KILLED not in found["reason"]:
+        folder.write_json(file, {"digest": digest, "outcome": found})
+    return Outcome(entry, directory, **found)
 
 
 def _digest(entry: Entry, scene: Scene) -> str:
@@ -187,4 +190,5 @@ def _row(data: Mapping[str, Any]) -> dict[str, float]:
     smallest = (data.get("quantities") or {}).get("min_jacobian")
     found |= {} if smallest is None else {"min_jacobian": float(smallest)}
     found |= {"imbalance": abs(energy["imbalance"])} if "imbalance" in energy else {}
-    return found | {key: float(value) for key, value in (data.get("newton") or {}).items()}
+    found |= {key: float(value) for key, value in (data.get("newton") or {}).items()}
+    return {key: value for key, value in found.items() if math.isfinite(value)}
