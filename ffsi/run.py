@@ -27,6 +27,7 @@ OnResult = Callable[[Result], None]
 CHECKED = (
     *("momentum", "continuity", "incompressibility", "kinematics", "mesh_motion", "dirichlet"),
     *("drag_difference", "lift_difference", "coefficient_difference", "outlet_difference", "wall_difference"),
+    "quantities_difference",
 )
 _drawing = threading.Lock()  # matplotlib's text cache is shared between threads
 

@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -11,10 +11,13 @@ import numpy as np
 
 from ffsi.hemodynamics import walls
 from ffsi.rawfiles import Floats, RawMesh, RawState, read_mesh, read_state
-from ffsi.reference.forces import Forces, coefficient_scale, compute_forces
+from ffsi.reference.forces import Forces, compute_forces
 from ffsi.reference.from_scene import problem_from_scene, refuse_other_parameters, refuse_other_step, theta_of
-from ffsi.reference.outlet import OutletHistory, at_outlet
+from ffsi.reference.history import History
+from ffsi.reference.outlet import at_outlet, reservoirs
 from ffsi.reference.problem import Problem
+from ffsi.reference.quantities import Quantity, compare, energies, recompute
+from ffsi.reference.relative import largest, relative
 from ffsi.reference.residual import compute_residual
 from ffsi.reference.step import Step
 from ffsi.reference.system import Mask, System
@@ -24,11 +27,16 @@ from ffsi.scene import Scene
 TOLERANCE = 1e-8
 STEPS = "steps.json"
 HISTORY = "history.csv"
+POINT = "point-0001.bin"
 CYCLES = "wall-*.bin"
-# A component below this fraction of the force is a difference of large numbers, compared on the scale of the force.
-_SMALL_COMPONENT = 1e-3
-# Prescribed values up to this part of the field have too few right digits to be compared on their own scale.
-_ROUNDING = 1e-6
+QUANTITIES = "quantities_difference"
+AT_OUTLET = ("flow_rate_out", "outlet_pressure")
+WINDKESSEL = ("windkessel_old", "windkessel_new")
+# What a history must have of what is known of a state.
+IN_HISTORY = {"drag", "lift", "tip_ux", "tip_uy", "min_jacobian", "kinetic", "elastic", "dissipated"}
+_FORCES = {"drag", "lift", "drag_coefficient", "lift_coefficient"}
+# Below this part of the field a prescribed value is as wrong as rounding makes the field.
+_ROUNDING = 1e-5
 
 
 @dataclass(frozen=True)
@@ -40,7 +48,7 @@ class CheckReport:
     ``dirichlet``: largest deviation from a prescribed value. ``drag_difference``, ``lift_difference``,
     ``coefficient_difference``: reported against recomputed forces. ``outlet_difference``: likewise the flow rate out,
     the pressure at the outlet and that of the reservoir behind it; ``wall_difference``: the shear stress on the walls,
-    and its sums over cycles. ``min_jacobian``: smallest det F.
+    and its sums over cycles; ``quantities_difference``: every other quantity. ``min_jacobian``: smallest det F.
     ``forces``: the recomputed forces, both forms. ``failures``: one sentence for each number above ``tolerance``.
     Of several time steps every number is the worst, and the forces are those of the last one.
     """
@@ -56,6 +64,7 @@ class CheckReport:
     coefficient_difference: float | None
     outlet_difference: float | None
     wall_difference: float | None
+    quantities_difference: float | None
     min_jacobian: float
     tolerance: float
     forces: Forces
@@ -76,9 +85,10 @@ def check_state(
 ) -> CheckReport:
     """Check that ``state`` solves ``problem`` on ``mesh`` and that the reported forces are its forces.
 
-    ``reported_quantities`` may hold ``drag``, ``lift`` (N per metre depth), ``drag_coefficient``, ``lift_coefficient``,
-    ``flow_rate_out`` (m2/s), ``outlet_pressure`` (Pa); others are ignored, one that is missing differs. Raises
-    ``ValueError`` if mesh, state and problem do not fit together.
+    ``reported_quantities`` must hold ``drag`` and ``lift`` (N per metre depth) of a body, ``flow_rate_out`` (m2/s) and
+    ``outlet_pressure`` (Pa) of an outlet with a pressure, and may hold every other quantity that
+    ``reference.quantities`` recomputes; one that it does not know differs. Raises ``ValueError`` if mesh, state and
+    problem do not fit together.
     """
     return _report([_examine(System.build(problem, mesh), state, reported_quantities)], tolerance)
 
@@ -111,19 +121,20 @@ def check_run(directory: Path, scene: Scene, point: int = 1, tolerance: float = 
     a list of ``{"step", "time", "k", "theta", "old", "new", "quantities"}`` where old and new name files in the format
     of a point's state; with a Windkessel each entry has ``windkessel_old``, ``windkessel_new``, too. Where the outlet
     has a pressure, ``history.csv`` holds it and the flow rate out for every step; ``wall-*.bin`` are sums over cycles.
-    The wall shear stress of a state is what ``ffsi.hemodynamics`` makes of it. Raises ``ValueError`` where the
-    parameters in the point's JSON, or a step, are none of the scene's, no step is listed or a file does not fit, and
-    ``OSError`` if one is missing.
+    Every quantity of the point's JSON, and in time of the rows of the checked steps in the history, is recomputed. The
+    wall shear stress of a state is what ``ffsi.hemodynamics`` makes of it. Raises ``ValueError`` where the parameters
+    in the point's JSON, or a step, are none of the scene's, no step is listed, the history has a gap, the point's state
+    is not that of the last step or a file does not fit, and ``OSError`` if one is missing.
     """
     directory = Path(directory)
     outcome = json.loads((directory / f"point-{point:04d}.json").read_text(encoding="utf-8"))
     refuse_other_parameters(scene, outcome.get("parameters", {}))
     mesh = read_mesh(directory / "mesh.bin")
     if scene.time is not None:
-        return _report(_examine_steps(directory, scene, mesh), tolerance)
+        return _report(_examine_steps(directory, scene, mesh, outcome.get("quantities", {})), tolerance)
     state = read_state(directory / f"point-{point:04d}.bin", mesh)
     system = System.build(problem_from_scene(scene), mesh)
-    found = _examine(system, state, outcome.get("quantities", {}))
+    found = _examine(system, state, outcome.get("quantities", {}), whole=True)
     if (shear := wall_shear(system, state)) is not None:
         found.numbers["wall_difference"] = _wall_difference(scene, mesh, state, shear)
     return _report([found], tolerance)
@@ -131,53 +142,98 @@ def check_run(directory: Path, scene: Scene, point: int = 1, tolerance: float = 
 
 @dataclass(frozen=True)
 class _Findings:
-    """Numbers of one state by name, its smallest det F, its forces, and words that say which step it belongs to."""
+    """Numbers of one state by name, its smallest det F, its forces, and words that say which step it belongs to.
+
+    ``quantities`` are those that were recomputed, ``words`` say more of a number.
+    """
 
     numbers: dict[str, float]
     min_jacobian: float
     forces: Forces
     place: str
+    quantities: Mapping[str, Quantity] = field(default_factory=dict)
+    words: dict[str, str] = field(default_factory=dict)
+
+    def compare(self, reported: Mapping[str, Any], known: Mapping[str, Quantity], needed: Collection[str]) -> None:
+        """Take in more of what is reported, and of what must be."""
+        worst = compare(known, reported, needed)
+        if not worst.difference <= self.numbers.get(QUANTITIES, -math.inf):
+            self.numbers[QUANTITIES], self.words[QUANTITIES] = worst.difference, worst.words
 
 
-def _examine(system: System, state: RawState, reported: Mapping[str, float], place: str = "") -> _Findings:
+def _examine(
+    system: System, state: RawState, reported: Mapping[str, Any], place: str = "", whole: bool = False
+) -> _Findings:
+    """Examine a state; if its quantities are the ``whole`` of what is reported, none may be missing."""
     residual = compute_residual(system, state)
     forces = compute_forces(system, state, residual)
     numbers = residual.relative | {"dirichlet": _dirichlet(system, state)}
-    if (outlet := at_outlet(system, state)) is not None:
-        numbers["outlet_difference"] = outlet.difference(reported)
-    return _Findings(numbers | _force_differences(system, forces, reported), residual.min_jacobian, forces, place)
+    known, outlet = recompute(system, state, forces, reported), at_outlet(system, state)
+    if outlet:
+        numbers["outlet_difference"] = compare(outlet, _only(reported, outlet), outlet).difference
+    numbers |= _force_differences(known, reported)
+    found = _Findings(numbers, residual.min_jacobian, forces, place, known | outlet)
+    elsewhere = (_FORCES & known.keys()) | outlet.keys()
+    others = {name: value for name, value in reported.items() if name not in elsewhere}
+    found.compare(others, known, known.keys() - elsewhere if whole else ())
+    return found
 
 
-def _examine_steps(directory: Path, scene: Scene, mesh: RawMesh) -> list[_Findings]:
-    """Examine every step that the run folder lists."""
+def _only(reported: Mapping[str, Any], names: Collection[str]) -> dict[str, Any]:
+    return {name: value for name, value in reported.items() if name in names}
+
+
+def _examine_steps(directory: Path, scene: Scene, mesh: RawMesh, last: Mapping[str, Any]) -> list[_Findings]:
+    """Examine every step that the run folder lists; ``last`` are the quantities reported of the last one."""
     entries = json.loads((directory / STEPS).read_text(encoding="utf-8"))
     if not entries:
         raise ValueError(f"{directory / STEPS}: no step is listed")
     system = System.build(problem_from_scene(scene), mesh)
+    history = History.read(directory / HISTORY)
     outlet = system.problem.outlet
-    history = None
+    stored = [0.0] * (len(history) + 1)
     if outlet is not None and outlet.presses:
-        history = OutletHistory.read(directory / HISTORY, outlet, theta_of(scene))
+        stored = reservoirs(outlet, history, theta_of(scene))
     cycles = [WallCycle.read(path) for path in sorted(directory.glob(CYCLES))]
     found, passages = [], []
     for entry in entries:
         step, old, new = _read_entry(directory, entry)
-        refuse_other_step(scene, step, entry["step"])
-        reported, reservoir = dict(entry.get("quantities", {})), 0.0
-        if history is not None:
-            reported |= history.reported(entry["step"])
-            reservoir = history.reservoirs[entry["step"] - 1]
-            reported |= {name: entry[name] for name in ("windkessel_old", "windkessel_new") if name in entry}
-        before, after = read_state(old, mesh), read_state(new, mesh)
-        place = f" in step {entry['step']} at {step.time:g} s"
-        found.append(_examine(system.stepping(before, step, reservoir), after, reported, place))
+        number = entry["step"]
+        refuse_other_step(scene, step, number)
+        history.refuse_other(number, step)
+        row, before, after = history.quantities(number), read_state(old, mesh), read_state(new, mesh)
+        place = f" in step {number} at {step.time:g} s"
+        stepping = system.stepping(before, step, stored[number - 1])
+        found.append(_examine(stepping, after, _reported(entry, row), place))
+        quantities = {**found[-1].quantities, **energies(stepping, after, history.before(number))}
+        if outlet is not None and outlet.presses:  # which is compared as that
+            row = {name: value for name, value in row.items() if name not in AT_OUTLET}
+        found[-1].compare(row, quantities, quantities.keys() & IN_HISTORY)
         if (shear := wall_shear(system, after)) is not None:
             found[-1].numbers["wall_difference"] = _wall_difference(scene, mesh, after, shear)
         if cycles and shear is not None and (start := wall_shear(system, before)) is not None:
             passages.append(Passage(step.start, step.time, start, shear))
+    if number != len(history):
+        raise ValueError(f"{history.path}: {len(history)} rows, but the last step is {number}")
+    if not _same(after, read_state(directory / POINT, mesh)):
+        raise ValueError(f"{directory / POINT}: not the state at the end of the last step, {entry['new']}")
+    found[-1].compare(last, found[-1].quantities, found[-1].quantities.keys() - WINDKESSEL)
     for cycle in cycles:
-        found[-1].numbers["wall_difference"] = max(cycle.difference(passages), found[-1].numbers["wall_difference"])
+        difference = largest([cycle.difference(passages), found[-1].numbers["wall_difference"]])
+        found[-1].numbers["wall_difference"] = difference
     return found
+
+
+def _reported(entry: Mapping[str, Any], row: Mapping[str, float]) -> dict[str, Any]:
+    """What an entry of ``steps.json`` reports, and the history's row of the outlet."""
+    names = [*(name for name in AT_OUTLET if name in row), *(name for name in WINDKESSEL if name in entry)]
+    return dict(entry.get("quantities", {})) | {name: row[name] if name in row else entry[name] for name in names}
+
+
+def _same(one: RawState, other: RawState) -> bool:
+    """Whether two states are the same to the last digit."""
+    pairs = ((one.u, other.u), (one.v, other.v), (one.p, other.p), (one.ps, other.ps))
+    return all(np.array_equal(*pair) for pair in pairs)
 
 
 def _wall_difference(scene: Scene, mesh: RawMesh, state: RawState, own: WallShear) -> float:
@@ -213,10 +269,11 @@ def _report(found: Sequence[_Findings], tolerance: float) -> CheckReport:
         coefficient_difference=numbers.get("coefficient_difference"),
         outlet_difference=numbers.get("outlet_difference"),
         wall_difference=numbers.get("wall_difference"),
-        min_jacobian=min(each.min_jacobian for each in found),
+        quantities_difference=numbers.get(QUANTITIES),
+        min_jacobian=float(np.min([each.min_jacobian for each in found])),
         tolerance=tolerance,
         forces=found[-1].forces,
-        failures=_failures(worst, min(found, key=lambda each: each.min_jacobian), tolerance),
+        failures=_failures(worst, found[int(np.argmin([each.min_jacobian for each in found]))], tolerance),
     )
 
 
@@ -234,45 +291,37 @@ def _dirichlet(system: System, state: RawState) -> float:
     """Largest deviation from the prescribed u, v, p, ps, each relative to its own scale."""
     rows, increment = system.rows, system.increment
     old = increment.old if increment is not None else state
-    return max(
-        _deviation(state.u, rows.prescribed.u, rows.u_given, old.u),
-        _deviation(state.v, rows.prescribed.v, rows.v_given, old.v),
-        _deviation(state.p, rows.prescribed.p, rows.p_given, old.p),
-        _deviation(state.ps, rows.prescribed.ps, rows.ps_given, old.ps),
+    return largest(
+        _deviation(*each)
+        for each in (
+            (state.u, rows.prescribed.u, rows.u_given, old.u),
+            (state.v, rows.prescribed.v, rows.v_given, old.v),
+            (state.p, rows.prescribed.p, rows.p_given, old.p),
+            (state.ps, rows.prescribed.ps, rows.ps_given, old.ps),
+        )
     )
 
 
 def _deviation(values: Floats, prescribed: Floats, given: Mask, old: Floats) -> float:
     """Largest deviation over the largest prescribed value.
 
-    Where these values are rounding beside those of the field, now or before the step, as those of an inflow that passes
-    through zero, it is over the largest value of the field; over one, where that is zero, too.
+    Where that is rounding beside the field, now or before the step, as that of an inflow that passes through zero, it
+    is over so much of the field.
     """
     if not given.any():
         return 0.0
-    scale, size, before = (float(np.abs(field).max(initial=0.0)) for field in (prescribed[given], values, old))
-    if scale <= _ROUNDING * max(size, before):
-        scale = max(size, before) or 1.0
-    return float(np.abs(values - prescribed)[given].max()) / scale
+    scale = largest(np.abs(prescribed[given]).ravel())
+    field = _ROUNDING * largest(np.abs([values, old]).ravel())
+    return relative(largest(np.abs(values - prescribed)[given].ravel()), max(scale, field))
 
 
-def _force_differences(system: System, forces: Forces, reported: Mapping[str, float]) -> dict[str, float]:
+def _force_differences(known: Mapping[str, Quantity], reported: Mapping[str, Any]) -> dict[str, float]:
     """Relative differences between reported and recomputed forces; a force that is not reported differs infinitely."""
-    if forces.total is None:
-        return {}
-    differences: dict[str, float] = {}
-    drag_lift = [float(component) for component in forces.total.residual]
-    size = math.hypot(*drag_lift)
-    unit = coefficient_scale(system)
-    coefficients = []
-    for name, value in zip(("drag", "lift"), drag_lift, strict=True):
-        scale = (abs(value) if abs(value) > _SMALL_COMPONENT * size else size) or 1.0
-        differences[f"{name}_difference"] = abs(float(reported.get(name, math.inf)) - value) / scale
-        if unit is not None and f"{name}_coefficient" in reported:
-            coefficients.append(abs(reported[f"{name}_coefficient"] * unit - value) / scale)
+    found = {f"{name}_difference": compare(known, _only(reported, {name}), {name}) for name in ("drag", "lift")}
+    coefficients = _only(reported, {"drag_coefficient", "lift_coefficient"})
     if coefficients:
-        differences["coefficient_difference"] = float(np.max(coefficients))  # unlike max(), it passes a NaN on
-    return differences
+        found["coefficient_difference"] = compare(known, coefficients)
+    return {name: each.difference for name, each in found.items()} if "drag" in known else {}
 
 
 def _failures(worst: Mapping[str, _Findings], inverted: _Findings, tolerance: float) -> list[str]:
@@ -289,12 +338,14 @@ def _failures(worst: Mapping[str, _Findings], inverted: _Findings, tolerance: fl
         "coefficient_difference": "relative difference between reported and recomputed force coefficients",
         "outlet_difference": "relative difference between reported and recomputed flow rate or pressure at the outlet",
         "wall_difference": "relative difference between reported and recomputed shear stress on the walls",
+        QUANTITIES: "largest relative difference between a reported and a recomputed quantity",
     }
     failures = []
     forces: dict[str, Forces] = {}
     for name, found in worst.items():
         if not (number := found.numbers[name]) <= tolerance:
-            failures.append(f"{name}: the {words[name]} is {number:.2e}{found.place}, allowed is {tolerance:.0e}")
+            more = f" ({found.words[name]})" if name in found.words else ""
+            failures.append(f"{name}: the {words[name]} is {number:.2e}{found.place}{more}, allowed is {tolerance:.0e}")
             if name in ("drag_difference", "lift_difference", "coefficient_difference"):
                 forces[found.place] = found.forces
     for place, force in forces.items():

@@ -14,10 +14,11 @@ from ffsi.reference.system import FluidPart, Sides, System
 
 @dataclass(frozen=True)
 class Force:
-    """Force (2,) in newtons per metre depth of the fluid on a part, in its two forms."""
+    """Force (2,) in newtons per metre depth of the fluid on a part, in its two forms; ``size`` of what is summed."""
 
     surface: Floats
     residual: Floats
+    size: float
 
 
 @dataclass(frozen=True)
@@ -68,6 +69,7 @@ def _force(system: System, fluid: FluidPart, state: RawState, residual: Residual
     return Force(
         surface=-side_forces(part, stress).sum(axis=(0, 1)),
         residual=-(phi @ residual.fluid_force - carried),
+        size=float((phi @ residual.fluid_size).max()),
     )
 
 

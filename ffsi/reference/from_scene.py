@@ -65,6 +65,8 @@ def problem_from_scene(scene: Scene) -> Problem:
         mesh_motion=_mesh_motion(scene),
         mean_velocity=scene.inflow.mean_velocity if scene.inflow else None,
         reference_length=scene.forces.reference_length if scene.forces else None,
+        names=dict(enumerate(scene.solid, start=FLUID_REGION + 1)),
+        points=({"tip": scene.tip} if scene.tip else {}) | scene.probes,
     )
 
 

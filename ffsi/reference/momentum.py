@@ -101,6 +101,29 @@ def kinematics(system: System, nodes: Ints, u: Array, v: Array) -> Array:
     return terms.kinematics(increment.step, terms.Motion(u, v), old_motion(increment.old, nodes))
 
 
+def stress_work(system: System, state: RawState) -> dict[str, tuple[float, float]]:
+    """Work of the solids' and of the fluid's stress in a time step, J per metre depth, and the size of what is summed.
+
+    ``elastic`` is that on the displacement, ``dissipated`` that on the mean of both velocities.
+    """
+    if (increment := system.increment) is None:
+        return {}
+    step, old = increment.step, increment.old
+    moved, travelled = state.u - old.u, step.k * step.mean(state.v, old.v)
+    elastic, dissipated = [np.zeros(1)], [np.zeros(1)]
+    for solid in system.solids.values():
+        nodes = solid.elements.nodes
+        local = solid_momentum(system, solid, state.u[nodes], state.v[nodes], solid_pressure(solid, state))
+        elastic += [(local[name] * moved[nodes]).ravel() for name in local if name not in ("gravity", "inertia")]
+    if (fluid := system.fluid) is not None:
+        elements, nodes = fluid.elements, fluid.elements.nodes
+        flow = terms.Flow.at_points(elements, state.u[nodes], state.v[nodes], state.p[elements.vertices])
+        local = fluid_momentum(system, fluid, state.u[nodes], state.v[nodes], flow)
+        dissipated += [(local[name] * travelled[nodes]).ravel() for name in ("pressure", "viscosity")]
+    parts = {"elastic": np.concatenate(elastic), "dissipated": np.concatenate(dissipated)}
+    return {name: (float(part.sum()), float(np.abs(part).sum())) for name, part in parts.items()}
+
+
 def old_motion(old: RawState, nodes: Ints) -> terms.Motion:
     """Return the nodal values of the state at the start of the step."""
     return terms.Motion(old.u[nodes], old.v[nodes])

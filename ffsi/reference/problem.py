@@ -107,7 +107,8 @@ class Problem:
 
     ``solids`` by region number (2, 3, ...); ``gravity`` m/s2; ``traction`` the dead load on boundaries with the role
     loaded, Pa per reference length; ``support`` what holds boundaries with the role supported;
-    ``mean_velocity`` and ``reference_length`` scale the force coefficients; ``manufactured`` is for tests only.
+    ``mean_velocity`` and ``reference_length`` scale the force coefficients; ``names`` of the solids by region;
+    ``points`` by name, where the displacement is reported, reference coordinates in m; ``manufactured`` is for tests.
     Raises ``ValueError`` where the pieces do not fit together.
     """
 
@@ -123,6 +124,8 @@ class Problem:
     mesh_motion: MeshMotion | None = None
     mean_velocity: float | None = None
     reference_length: float | None = None
+    names: Mapping[int, str] = field(default_factory=dict)
+    points: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     manufactured: Manufactured | None = None
 
     def __post_init__(self) -> None:

@@ -10,14 +10,22 @@ from ffsi.rawfiles import Floats, RawState
 from ffsi.reference import momentum, sources, terms
 from ffsi.reference.assembly import scatter
 from ffsi.reference.conditions import Outlet
-from ffsi.reference.elements import Elements
 from ffsi.reference.materials import IDENTITY, determinant
 from ffsi.reference.problem import MeshMotion
+from ffsi.reference.relative import largest, norm, relative
+from ffsi.reference.sizes import (
+    ROUNDING,
+    Idle,
+    flux_sizes,
+    idle,
+    largest_on,
+    momentum_sizes,
+    reference_pressure,
+    spread,
+)
 from ffsi.reference.system import FluidPart, Mask, SolidPart, System
 
-# A scale below this fraction of the values that cancel in it is rounding: an equation whose terms all vanish (the
-# continuity of Poiseuille flow) is then measured against those values; their rounding is about 1e-9 of such a scale.
-_ROUNDING_FRACTION = 1e-7
+OUTLET = "outlet pressure"
 
 
 @dataclass(frozen=True)
@@ -25,12 +33,16 @@ class Equation:
     """One assembled equation.
 
     ``terms`` by name and ``magnitude`` are (n, components) with n nodes; ``rows`` (n,) is true where the equation
-    holds. ``magnitude`` is the size of what cancels inside a term, by which rounding is judged.
+    holds. ``magnitude`` is what a scale must not be less than: the size of what cancels inside a term, of which a part
+    is rounding. ``parts`` of the rows have a scale of their own each (all together, if there is none), so that what is
+    wrong in one is not lost beside the other. ``scales`` are the terms in the order in which they are measured.
     """
 
     terms: Mapping[str, Floats]
     rows: Mask
     magnitude: Floats
+    parts: tuple[Mask, ...] = ()
+    scales: Mapping[str, Floats] | None = None
 
     @property
     def residual(self) -> Floats:
@@ -38,22 +50,20 @@ class Equation:
         total: Floats = np.sum(list(self.terms.values()), axis=0)
         return total
 
-    @property
-    def scale(self) -> float:
-        """Largest l2 norm over the rows of a single term."""
-        largest = max(float(np.linalg.norm(term[self.rows])) for term in self.terms.values())
-        return max(largest, _ROUNDING_FRACTION * float(np.linalg.norm(self.magnitude[self.rows])))
+    def scale(self, rows: Mask) -> float:
+        """Largest l2 norm over some rows of a single term, or of the magnitude."""
+        measured = self.terms if self.scales is None else self.scales
+        return largest(norm(each[rows]) for each in (*measured.values(), self.magnitude))
 
     @property
     def relative(self) -> float:
-        """The l2 norm of the residual over the rows divided by the scale; 0 if every term is zero.
+        """The l2 norm of the residual over the rows divided by the scale, the largest of all parts.
 
         Infinite if the residual is not a finite number.
         """
-        norm = float(np.linalg.norm(self.residual[self.rows]))
-        if not math.isfinite(norm):
-            return math.inf
-        return norm / self.scale if norm > 0.0 else 0.0
+        found = self.residual
+        worst = largest(relative(norm(found[rows]), self.scale(rows)) for rows in (self.parts or (self.rows,)))
+        return worst if math.isfinite(worst) else math.inf
 
 
 @dataclass(frozen=True)
@@ -64,12 +74,14 @@ class Residual:
     the last one are those of all pressures of mixed solids, one after the other. ``kinematics`` what is left of the
     velocity in the solids (of a time step: less that of the displacement), relative to the largest velocity; None
     without a solid, and of a steady solid alone. ``fluid_force`` (n2, 2) the fluid's momentum alone, without outlet and
-    sources, N per metre depth; ``min_jacobian`` the smallest det F at any quadrature point.
+    sources, and ``fluid_size`` (n2, 2) the size of what is summed up in it, N per metre depth; ``min_jacobian`` the
+    smallest det F at any quadrature point.
     """
 
     equations: dict[str, Equation]
     kinematics: float | None
     fluid_force: Floats
+    fluid_size: Floats
     min_jacobian: float
 
     @property
@@ -90,13 +102,17 @@ def compute_residual(system: System, state: RawState) -> Residual:
         _refuse_other_sizes(system, system.increment.old)
     equations: dict[str, Equation] = {}
     jacobians, force = [], np.zeros_like(state.u)
+    fluid_size, size = momentum_sizes(system, state)
+    magnitude = ROUNDING * size
     total: dict[str, Floats] = {"gravity": np.zeros_like(state.u)}
     if system.fluid is not None:
         flow = _flow(system.fluid, state)
         jacobians.append(flow.jacobian.min())
         total = _fluid_momentum(system, system.fluid, state, flow)
         force = np.sum(list(total.values()), axis=0)
-        equations["continuity"] = _continuity(system, system.fluid, flow, state)
+        rest = idle(system, system.fluid, state)
+        magnitude += spread(rest.force, system.fluid.elements, len(state.u))
+        equations["continuity"] = _continuity(system, system.fluid, flow, state, rest)
         if system.fluid.motion is not None:
             equations["mesh_motion"] = _mesh_motion(system, system.fluid, system.fluid.motion, state)
     for region, solid in system.solids.items():
@@ -109,8 +125,17 @@ def compute_residual(system: System, state: RawState) -> Residual:
     if system.problem.mixed_regions:
         equations["incompressibility"] = _incompressibility(system, state)
     total |= _loads(system, state)
-    equations["momentum"] = Equation(total, system.rows.momentum, _magnitude(system, state))
-    return Residual(equations, _kinematics(system, state), force, float(min(jacobians)))
+    scales = _without_level(system, state, total)
+    equations["momentum"] = Equation(total, system.rows.momentum, magnitude, _parts(system), scales)
+    return Residual(equations, _kinematics(system, state), force, fluid_size, float(np.min(jacobians)))
+
+
+def _parts(system: System) -> tuple[Mask, ...]:
+    """Rows of the momentum inside of the fluid, and those of solids."""
+    in_solid = np.zeros_like(system.rows.momentum)
+    for solid in system.solids.values():
+        in_solid[solid.elements.nodes] = True
+    return system.rows.momentum & ~in_solid, system.rows.momentum & in_solid
 
 
 def _refuse_other_sizes(system: System, state: RawState) -> None:
@@ -135,6 +160,23 @@ def _fluid_momentum(system: System, fluid: FluidPart, state: RawState, flow: ter
     return {name: scatter(term, nodes, system.mesh.n_p2) for name, term in local.items()}
 
 
+def _without_level(system: System, state: RawState, total: Mapping[str, Floats]) -> dict[str, Floats]:
+    """Return the momentum's terms with the mean pressure of the fluid taken from its inside to its boundary.
+
+    Div cof F = 0: a constant pressure, however high, does nothing inside of the fluid, where it is no scale of the
+    forces. What it does on the boundary is a term with the pressure behind the outlet, with which it is in balance.
+    """
+    if (fluid := system.fluid) is None:
+        return dict(total)
+    ends, u = fluid.sides.nodes, state.u
+    if (increment := system.increment) is not None:
+        u = increment.step.mean(u, increment.old.u)
+    on_sides = terms.side_pressure((system.mesh.p2_coordinates + u)[ends], reference_pressure(fluid, state))
+    level = scatter(on_sides, ends, system.mesh.n_p2)
+    moved = {"pressure": total["pressure"] - level, OUTLET: total.get(OUTLET, 0.0) + level}
+    return {**total, **moved}
+
+
 def _loads(system: System, state: RawState) -> dict[str, Floats]:
     """Momentum of the boundaries, and sources: what belongs neither to the fluid's force nor to a solid's stress."""
     loads: dict[str, Floats] = {}
@@ -155,24 +197,25 @@ def _outlet(system: System, fluid: FluidPart, outlet: Outlet, state: RawState) -
     sides = momentum.outlet_sides(system, fluid)
     local = dict(momentum.outlet(system, fluid.law, outlet, sides, state.v[sides.nodes]))
     if outlet.presses:
-        local["outlet pressure"] = momentum.outlet_pressure(system, outlet, sides, state.v[sides.nodes])
+        local[OUTLET] = momentum.outlet_pressure(system, outlet, sides, state.v[sides.nodes])
     return {name: scatter(term, sides.nodes, system.mesh.n_p2) for name, term in local.items()}
 
 
-def _continuity(system: System, fluid: FluidPart, flow: terms.Flow, state: RawState) -> Equation:
+def _continuity(system: System, fluid: FluidPart, flow: terms.Flow, state: RawState, rest: Idle) -> Equation:
     elements, nv = fluid.elements, len(system.mesh.vertices)
     local = terms.continuity(elements, flow)
     assembled = {name: scatter(term[..., None], elements.vertices, nv) for name, term in local.items()}
     if (exact := system.problem.manufactured) is not None and exact.mass is not None:
         assembled["source"] = sources.mass_source(system, exact.mass)
-    return Equation(assembled, system.rows.continuity, _fluxes(state.v, elements, nv))
+    speed = ROUNDING * largest_on(state.v, elements) + rest.speed
+    return Equation(assembled, system.rows.continuity, flux_sizes(speed, elements, nv))
 
 
 def _mesh_motion(system: System, fluid: FluidPart, motion: MeshMotion, state: RawState) -> Equation:
     elements, n2 = fluid.elements, system.mesh.n_p2
     local = terms.mesh_motion(motion, fluid.alpha, elements, state.u[elements.nodes])
     assembled = {name: scatter(term, elements.nodes, n2) for name, term in local.items()}
-    magnitude = _spread(fluid.alpha * _largest(state.u, elements), elements, n2)
+    magnitude = ROUNDING * spread(fluid.alpha * largest_on(state.u, elements), elements, n2)
     return Equation(assembled, system.rows.mesh_motion, magnitude)
 
 
@@ -200,7 +243,8 @@ def _incompressibility(system: System, state: RawState) -> Equation:
         local = terms.incompressibility(solid.law, elements, u, p)
         parts.append({name: scatter(term[..., None], elements.vertices, nv) for name, term in local.items()})
     assembled = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-    magnitude = np.concatenate([_fluxes(state.u, solid.elements, nv) for solid in mixed])
+    sizes = [flux_sizes(largest_on(state.u, solid.elements), solid.elements, nv) for solid in mixed]
+    magnitude = ROUNDING * np.concatenate(sizes)
     return Equation(assembled, system.rows.incompressibility.ravel(), magnitude)
 
 
@@ -212,78 +256,14 @@ def _smallest_jacobian(solid: SolidPart, state: RawState) -> float:
 def _kinematics(system: System, state: RawState) -> float | None:
     if not system.solids or (system.fluid is None and system.increment is None):
         return None
-    if system.increment is None:
-        # All nodes: the values that a boundary prescribes are zero too.
-        nodes = np.concatenate([solid.elements.nodes.ravel() for solid in system.solids.values()])
-    else:
-        nodes = np.flatnonzero(system.rows.kinematics)
+    nodes = np.unique(np.concatenate([solid.elements.nodes.ravel() for solid in system.solids.values()]))
+    scale = float(np.hypot(*state.v.T).max())
+    if system.fluid is not None:
+        scale += largest(idle(system, system.fluid, state).speed)
+    if (increment := system.increment) is not None:
+        # In steady systems all nodes: the values that a boundary prescribes are zero too.
+        nodes = nodes[system.rows.kinematics[nodes]]
+        step, ends = increment.step, [state.u, increment.old.u]
+        scale = largest([scale, *(np.abs(step.rate(*ends)[nodes]).ravel()), ROUNDING * np.abs(ends).max() / step.k])
     left = momentum.kinematics(system, nodes, state.u[nodes], state.v[nodes])
-    largest = float(np.hypot(*state.v.T).max())
-    return float(np.abs(left).max(initial=0.0)) / (largest or 1.0)
-
-
-def _magnitude(system: System, state: RawState) -> Floats:
-    """Size of the single nodal contributions to a momentum row, (n2, 2)."""
-    total = np.zeros_like(state.u)
-    states = [state] if system.increment is None else [state, system.increment.old]
-    for each in states:
-        if system.fluid is not None:
-            total += _fluid_magnitude(system.fluid, each)
-        for solid in system.solids.values():
-            total += _solid_magnitude(solid, each)
-    return total + _inertia_magnitude(system, state)
-
-
-def _inertia_magnitude(system: System, state: RawState) -> Floats:
-    """Size of what cancels in the difference quotient of v in a time step, (n2, 2); zero in a steady system.
-
-    It covers the convection by the mesh velocity too, as long as a step moves the mesh by less than a triangle.
-    """
-    total = np.zeros_like(state.u)
-    if (increment := system.increment) is None:
-        return total
-    parts: list[FluidPart | SolidPart] = [*([system.fluid] if system.fluid else []), *system.solids.values()]
-    for part in parts:
-        speed = _largest(state.v, part.elements) + _largest(increment.old.v, part.elements)
-        size = part.law.density / increment.step.k * speed * part.elements.area
-        total += _spread(size, part.elements, len(total))
-    return total
-
-
-def _fluid_magnitude(fluid: FluidPart, state: RawState) -> Floats:
-    """Size of the single nodal contributions to a fluid momentum row, (n2, 2)."""
-    elements, law = fluid.elements, fluid.law
-    viscosity = _flow(fluid, state).viscosity(law.viscosity).max(axis=1)
-    speed, width = _largest(state.v, elements), np.sqrt(elements.area)
-    pressure = np.abs(state.p[elements.vertices]).max(axis=1)
-    size = viscosity * speed + law.density * speed**2 * width + pressure * width
-    return _spread(size, elements, len(state.u))
-
-
-def _solid_magnitude(solid: SolidPart, state: RawState) -> Floats:
-    """Size of the single nodal contributions to a solid's momentum row, (n2, 2)."""
-    elements, material = solid.elements, solid.law.mixed_material
-    strain = _largest(state.u, elements)
-    if material is None:
-        size = solid.law.material.stiffness * strain
-    else:
-        pressure = np.abs(momentum.solid_pressure(solid, state)).max(axis=1)
-        size = material.base_stiffness * strain + pressure * np.sqrt(elements.area)
-    return _spread(size, elements, len(state.u))
-
-
-def _largest(values: Floats, elements: Elements) -> Floats:
-    """Largest absolute nodal component on each triangle, (n,)."""
-    largest: Floats = np.abs(values[elements.nodes]).max(axis=(1, 2))
-    return largest
-
-
-def _fluxes(values: Floats, elements: Elements, nv: int) -> Floats:
-    """Size of the single contributions to a row that balances the fluxes of a P2 vector, (nv, 1)."""
-    size = _largest(values, elements) * np.sqrt(elements.area)
-    return scatter(np.repeat(size[:, None, None], 3, axis=1), elements.vertices, nv)
-
-
-def _spread(size: Floats, elements: Elements, n2: int) -> Floats:
-    """Add one number per triangle, (n,), to all its P2 nodes and both components; (n2, 2)."""
-    return scatter(np.repeat(size[:, None, None], 6, axis=1).repeat(2, axis=2), elements.nodes, n2)
+    return relative(largest(np.abs(left).ravel()), scale)

@@ -303,6 +303,20 @@ def outlet_pressure(normal: Floats, pressure: Array | float) -> Array:
     return result
 
 
+def side_pressure(ends: Array, pressure: Array | float) -> Array:
+    """Work (n, 3, 2) of the stress -pressure on sides whose P2 nodes, start, end, middle, lie at ``ends`` (n, 3, 2).
+
+    The side runs with the material on its left. dx/ds turned by -90 degrees is cof F N dS/ds: three Gauss points are
+    exact.
+    """
+    points, weights = gauss_rule(3)
+    values, slopes = line_basis(points)
+    along = slopes @ ends
+    outward = np.stack([along[..., 1], -along[..., 0]], axis=-1)
+    result: Array = -pressure * (values * weights[:, None]).T @ outward
+    return result
+
+
 def backflow(momentum: float, normal: Floats, v: Array) -> Array:
     """Traction against what flows back in, (n, 3, 2); ``momentum`` kg/m3 is its factor beta rho.
 

@@ -185,13 +185,13 @@ def test_the_case_converges(solved, case):
 @pytest.mark.parametrize("case", STEADY)
 def test_the_checker_agrees(solved, case):
     scene, check = STEADY[case], solved(case).data["check"]
-    expected = {"momentum", "dirichlet"}
+    expected = {"momentum", "dirichlet", "quantities_difference"}
     expected |= {"continuity", "wall_difference"} if scene.fluid else set()
     expected |= set(DIFFERENCES) if has_forces(scene) else set()
     expected |= {"kinematics", "mesh_motion"} if scene.physics == "fsi" else set()
     expected |= {"incompressibility"} if any(solid.mixed for solid in scene.solid.values()) else set()
     assert {name for name, value in check.items() if value is not None} == expected
-    assert set(check) == {*RESIDUALS, *DIFFERENCES, "outlet_difference", "wall_difference"}
+    assert set(check) == {*RESIDUALS, *DIFFERENCES, "outlet_difference", "wall_difference", "quantities_difference"}
     for name in expected:
         assert 0 <= check[name] < 1e-8, name
 

@@ -1,12 +1,11 @@
 """Run folders in time with a Windkessel: its reservoir follows from the flow rates of the history."""
 
-import csv
 import json
 import math
 
 import pytest
 from test_reference_check import failing, scene_mesh
-from test_reference_step import quantities_of, rest
+from test_reference_step import history_row, quantities_of, rest, write_history
 
 from ffsi.rawfiles import write_mesh, write_state
 from ffsi.reference.check import check_run
@@ -30,7 +29,6 @@ CHANGES = {
     "outlet.compliance": 0.04,
     "outlet.backflow": 0.5,
 }
-COLUMNS = ("time", "step", "flow_rate_out", "outlet_pressure")
 
 
 @pytest.fixture(scope="module")
@@ -44,16 +42,17 @@ def solved():
         time += k
         step, start = Step(k, theta, time), reservoir
         states.append(solve_step(system, states[-1], step, tolerance=1e-11, reservoir=start).state)
-        quantities = quantities_of(system.stepping(states[-2], step, start), states[-1])
+        stepping = system.stepping(states[-2], step, start)
+        quantities = quantities_of(stepping, states[-1])
         reservoir = quantities["windkessel_new"]
-        values = (time, k, quantities["flow_rate_out"], quantities["outlet_pressure"])
-        history.append(dict(zip(COLUMNS, values, strict=True)))
+        history.append(history_row(step, stepping, states[-1], history[-1] if history else ()))
     entry = {"step": 3, "time": time, "k": k, "theta": step.theta, "old": "old.bin", "new": "new.bin"}
     forces = {name: quantities[name] for name in ("drag", "lift")}
     return (
         scene,
         mesh,
         states,
+        {name: value for name, value in quantities.items() if "windkessel" not in name},
         history,
         entry
         | {
@@ -67,20 +66,18 @@ def solved():
 @pytest.fixture
 def run(tmp_path, solved):
     """Function that writes the run folder with some changes and returns the checker's report."""
-    scene, mesh, states, history, entry = solved
+    scene, mesh, states, last, history, entry = solved
 
     def write(entry_changes=(), history_changes=(), row=0):
         write_mesh(tmp_path / "mesh.bin", mesh)
         write_state(tmp_path / "old.bin", states[-2])
         write_state(tmp_path / "new.bin", states[-1])
-        (tmp_path / "point-0001.json").write_text("{}")
+        write_state(tmp_path / "point-0001.bin", states[-1])
+        (tmp_path / "point-0001.json").write_text(json.dumps({"quantities": last}))
         (tmp_path / "steps.json").write_text(json.dumps([entry | dict(entry_changes)]))
         rows = [dict(line) for line in history]
         rows[row] |= dict(history_changes)
-        with (tmp_path / "history.csv").open("w", newline="") as file:
-            writer = csv.DictWriter(file, COLUMNS)
-            writer.writeheader()
-            writer.writerows(rows)
+        write_history(tmp_path, rows)
         return check_run(tmp_path, scene)
 
     return write
@@ -107,5 +104,5 @@ def test_reservoirs_that_do_not_follow_from_the_history_are_seen(run, solved):
 def test_history_that_does_not_fit_is_refused(run):
     with pytest.raises(ValueError, match=r"history\.csv: no step 4, the last is 3"):
         run({"step": 4})
-    with pytest.raises(ValueError, match=r"history\.csv: no number"):
+    with pytest.raises(ValueError, match=r"history\.csv: row 1: flow_rate_out = '' is no finite number"):
         run(history_changes={"flow_rate_out": ""})

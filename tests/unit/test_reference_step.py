@@ -1,5 +1,6 @@
 """Time steps: their terms, what the checker refuses, and what the schemes keep."""
 
+import csv
 import dataclasses
 import math
 
@@ -22,9 +23,10 @@ from test_reference_check import copy, failing, largest
 
 from ffsi.reference import momentum, terms
 from ffsi.reference.check import check_step
-from ffsi.reference.forces import coefficient_scale, compute_forces
+from ffsi.reference.forces import compute_forces
 from ffsi.reference.outlet import at_outlet
 from ffsi.reference.problem import Boundary, Fluid
+from ffsi.reference.quantities import energies, recompute
 from ffsi.reference.residual import compute_residual
 from ffsi.reference.solve import solve, solve_step
 from ffsi.reference.step import Step
@@ -52,17 +54,27 @@ def march(system, start, count, k=K, theta=THETA, tolerance=1e-11):
 
 
 def quantities_of(system, state):
-    found = {}
+    """All that a script may report of a state, by name."""
     forces = compute_forces(system, state, compute_residual(system, state))
-    if forces.total is not None:
-        drag, lift = forces.total.residual
-        unit = coefficient_scale(system)
-        found = {"drag": drag, "lift": lift, "drag_coefficient": drag / unit, "lift_coefficient": lift / unit}
-    if (outlet := at_outlet(system, state)) is not None:
-        found |= {"flow_rate_out": outlet.flow, "outlet_pressure": outlet.pressure}
-        if outlet.reservoir is not None:
-            found |= dict(zip(("windkessel_old", "windkessel_new"), outlet.reservoir, strict=True))
-    return found
+    found = recompute(system, state, forces) | at_outlet(system, state)
+    return {name: quantity.value for name, quantity in found.items()}
+
+
+def history_row(step, system, state, before=()):
+    """Row of the history: of a step in its system, the row before it given."""
+    quantities = quantities_of(system, state)
+    names = ("drag", "lift", "flow_rate_out", "outlet_pressure", "tip_ux", "tip_uy", "min_jacobian")
+    row = {"time": step.time, "step": step.k} | {name: quantities[name] for name in names if name in quantities}
+    sums = {"elastic": 0.0, "dissipated": 0.0} | dict(before)
+    row |= {name: quantity.value for name, quantity in energies(system, state, sums).items()}
+    return row | {"work": 1.0, "iterations": 3, "factorized": 1, "seconds": 0.1}
+
+
+def write_history(directory, rows):
+    with (directory / "history.csv").open("w", newline="") as file:
+        writer = csv.DictWriter(file, rows[0].keys())
+        writer.writeheader()
+        writer.writerows(rows)
 
 
 def stepped(problem, mesh, count=3):

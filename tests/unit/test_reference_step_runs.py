@@ -5,7 +5,7 @@ import math
 
 import pytest
 from test_reference_check import copy, failing, largest, scene_mesh
-from test_reference_step import quantities_of, rest
+from test_reference_step import history_row, quantities_of, rest, write_history
 
 from ffsi.rawfiles import write_mesh, write_state
 from ffsi.reference.check import check_run
@@ -28,31 +28,36 @@ CHANGES = {
 
 @pytest.fixture(scope="module")
 def solved_run():
-    """Scene in time, its mesh, states by the number of the step, and the entries of two checked steps."""
+    """Scene in time, its mesh, states by the number of the step, entries of two checked steps, and the history."""
     scene = with_values(CASES["flap-svk"], CHANGES)
     mesh = scene_mesh(scene)
     system = System.build(problem_from_scene(scene), mesh)
-    states, time, entries = [rest(system)], 0.0, []
+    states, time, entries, rows = [rest(system)], 0.0, [], []
     for number, k in enumerate((0.05, 0.05, 0.05, 0.03), start=1):
         time += k
         step, old = Step(k, 0.5 + k, time), states[-1]
         states.append(solve_step(system, old, step, tolerance=1e-11).state)
+        rows.append(history_row(step, system.stepping(old, step), states[-1], rows[-1] if rows else ()))
         if number in (2, 4):
             entry = {"step": number, "time": time, "k": k, "theta": step.theta}
             entry |= {"old": f"state-{number - 1:06d}.bin", "new": f"state-{number:06d}.bin"}
-            entries.append(entry | {"quantities": quantities_of(system.stepping(old, step), states[-1])})
-    return scene, mesh, states, entries
+            quantities = quantities_of(system.stepping(old, step), states[-1])
+            forces = ("drag", "lift", "drag_coefficient", "lift_coefficient")
+            entries.append(entry | {"quantities": {name: quantities[name] for name in forces}})
+    return scene, mesh, states, entries, rows, quantities
 
 
 @pytest.fixture
 def run(tmp_path, solved_run):
     """Run folder, its scene, and a copy of the entries of its list."""
-    scene, mesh, states, entries = solved_run
+    scene, mesh, states, entries, rows, last = solved_run
     write_mesh(tmp_path / "mesh.bin", mesh)
     for number, state in enumerate(states[1:], start=1):
         write_state(tmp_path / f"state-{number:06d}.bin", state)
     values = {key: value for key, value in CHANGES.items() if not isinstance(value, str)}
-    (tmp_path / "point-0001.json").write_text(json.dumps({"parameters": values}))
+    write_state(tmp_path / "point-0001.bin", states[-1])
+    (tmp_path / "point-0001.json").write_text(json.dumps({"parameters": values, "quantities": last}))
+    write_history(tmp_path, rows)
     rewrite(tmp_path, entries)
     return tmp_path, scene, [entry | {"quantities": dict(entry["quantities"])} for entry in entries]
 
@@ -103,13 +108,15 @@ def test_number_that_is_none_in_one_step_fails(run):
 
 def test_inverted_triangle_in_one_step_fails(run, solved_run):
     directory, scene, entries = run
-    _, mesh, states, _ = solved_run
+    _, mesh, states, *_ = solved_run
     for entry in entries:
         changed = copy(states[entry["step"]])
         changed.u[largest(mesh.p2_coordinates, System.build(problem_from_scene(scene), mesh).rows.mesh_motion)[0]] += (
             1.0
         )
         write_state(directory / entry["new"], changed)
+        if entry is entries[-1]:
+            write_state(directory / "point-0001.bin", changed)
         report = check_run(directory, scene)
         assert report.min_jacobian < 0.0
         (text,) = (text for text in report.failures if text.startswith("min_jacobian: "))

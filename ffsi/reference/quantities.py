@@ -1,0 +1,238 @@
+"""Every quantity of a state that a script reports, from its raw unknowns: forces, displacements, pressures, smallest J.
+
+Each comes with its size, that of what it is made of: a small part of it is rounding, and no difference.
+"""
+
+import math
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ffsi.rawfiles import Floats, Ints, RawState
+from ffsi.reference import momentum, terms
+from ffsi.reference.elements import Elements, p2_basis
+from ffsi.reference.forces import Forces, coefficient_scale
+from ffsi.reference.materials import IDENTITY, determinant, double_dot
+from ffsi.reference.relative import relative
+from ffsi.reference.system import System
+
+# Part of its size below which a quantity is rounding: times the tolerance, 1e-8, some rounding errors.
+_ROUNDING = 1e-7
+# Likewise of a force, the sum over many triangles.
+_OF_SUMS = 1e-6
+# Likewise of values inside a triangle: the place of a point in it has the rounding of its coordinates.
+_IN_A_TRIANGLE = 1e-6
+# Two determinants whose difference is below this part of |F|^2 are equal: either is the smallest.
+_TIE = 1e-12
+# The ends of a diameter are vertices of the circle up to this part of its radius.
+_ON_CIRCLE = 1e-6
+_COMPONENTS = ("x", "y")
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A recomputed ``value``, in SI, and the ``scale`` of its differences, in its unit."""
+
+    value: float
+    scale: float
+
+    @classmethod
+    def of(cls, value: float, size: float, rounding: float = _ROUNDING) -> "Quantity":
+        """Return the quantity that is a sum of numbers as large as ``size``, the ``rounding`` part of it at least."""
+        return cls(float(value), max(abs(float(value)), rounding * float(size)))
+
+    def difference(self, reported: float) -> float:
+        """Relative difference from what is reported."""
+        return relative(reported - self.value, self.scale)
+
+
+def recompute(
+    system: System, state: RawState, forces: Forces, reported: Mapping[str, float] | None = None
+) -> dict[str, Quantity]:
+    """Return every quantity of ``state`` by the name that a script gives it; ``forces`` are those of the state.
+
+    Several points may have the smallest J: of these the place is that nearest to the ``reported`` one.
+    """
+    found = _forces(system, forces) | _pressures(system, state) | _displacements(system, state)
+    return found | _jacobians(system, state, reported or {})
+
+
+def energies(system: System, state: RawState, before: Mapping[str, float]) -> dict[str, Quantity]:
+    """Energies at the end of a time step, J per metre depth: the kinetic one, and the sums over all steps.
+
+    ``before`` are the sums ``elastic`` and ``dissipated`` at its start; no other sum is recomputed.
+    """
+    kinetic = 0.0
+    if system.fluid is not None:
+        elements, density = system.fluid.elements, system.fluid.law.density
+        volume = _determinants(elements, state)[0] * elements.weights
+        kinetic += 0.5 * density * _squared_speed(elements, state, volume)
+    for solid in system.solids.values():
+        kinetic += 0.5 * solid.law.density * _squared_speed(solid.elements, state, solid.elements.weights)
+    found = {"kinetic": Quantity.of(kinetic, kinetic)}
+    for name, (work, size) in momentum.stress_work(system, state).items():
+        if name in before:
+            found[name] = Quantity.of(before[name] + work, abs(before[name]) + size)
+    return found
+
+
+def _squared_speed(elements: Elements, state: RawState, weights: Floats) -> float:
+    velocity = elements.basis @ state.v[elements.nodes]
+    return float(((velocity**2).sum(axis=-1) * weights).sum())
+
+
+def _forces(system: System, forces: Forces) -> dict[str, Quantity]:
+    """Drag and lift of each part and of all, in both forms, N per metre depth, and their coefficients."""
+    if forces.total is None:
+        return {}
+    found: dict[str, Quantity] = {}
+    parts = forces.parts.items() if len(forces.parts) > 1 else ()
+    for name, force in [("", forces.total), *((f"_{name}", part) for name, part in parts)]:
+        for form, values in (("", force.residual), ("_surface", force.surface)):
+            for component, value in zip(("drag", "lift"), values.tolist(), strict=True):
+                found[f"{component}{name}{form}"] = Quantity.of(value, force.size, _OF_SUMS)
+    if unit := coefficient_scale(system):
+        for name in ("drag", "lift"):
+            force_found = found[name]
+            found[f"{name}_coefficient"] = Quantity(force_found.value / unit, force_found.scale / unit)
+    return found
+
+
+def _pressures(system: System, state: RawState) -> dict[str, Quantity]:
+    """Mean pressure at the inlet less that at the outlet; front less back of a whole cylinder."""
+    if system.fluid is None:
+        return {}
+    size = float(np.abs(state.p).max())
+    found = {}
+    inlet, outlet = system.problem.labels("inlet"), system.problem.labels("outlet")
+    if inlet and outlet:
+        drop = _mean_pressure(system, state, inlet) - _mean_pressure(system, state, outlet)
+        found["pressure_drop"] = Quantity.of(drop, size)
+    for boundary in system.problem.boundaries:
+        if boundary.name == "cylinder" and boundary.circle is not None:
+            x, y, radius = boundary.circle
+            wet = np.unique(system.mesh.edges[system.mesh.label == boundary.label])
+            ends = [wet[_at(system.mesh.vertices[wet], (x + side * radius, y), radius)] for side in (-1.0, 1.0)]
+            if all(len(end) for end in ends):  # what is fixed to the cylinder covers its back
+                found["pressure_difference"] = Quantity.of(state.p[ends[0][0]] - state.p[ends[1][0]], size)
+    return found
+
+
+def _mean_pressure(system: System, state: RawState, labels: Sequence[int]) -> float:
+    edges = system.mesh.edges[np.isin(system.mesh.label, labels)]
+    start, end = system.mesh.vertices[edges].transpose(1, 0, 2)
+    length = np.hypot(*(end - start).T)
+    return float(length @ state.p[edges].mean(axis=1) / length.sum())
+
+
+def _at(points: Floats, point: tuple[float, float], size: float) -> Ints:
+    """Numbers of the points (n, 2) at a place, for lengths of a ``size``, metres."""
+    return np.flatnonzero(np.hypot(*(points - np.array(point)).T) <= _ON_CIRCLE * size)
+
+
+def _displacements(system: System, state: RawState) -> dict[str, Quantity]:
+    """Displacement at the points that the problem names, in m."""
+    size, found = float(np.abs(state.u).max()), {}
+    for name, point in system.problem.points.items():
+        displacement = _in_solids(system, state.u, point)
+        for component, value in zip(_COMPONENTS, displacement.tolist(), strict=True):
+            found[f"{name}_u{component}"] = Quantity.of(value, size, _IN_A_TRIANGLE)
+    return found
+
+
+def _in_solids(system: System, values: Floats, point: tuple[float, float]) -> Floats:
+    """Values (n2, 2) at a point of the solids, or as near to it as one of their triangles is."""
+    best, found = -np.inf, np.zeros(2)
+    for solid in system.solids.values():
+        elements = solid.elements
+        offset = np.array(point) - system.mesh.vertices[elements.vertices[:, 0]]
+        unit = np.einsum("nij,nj->ni", elements.inverse, offset)
+        inside = np.min([unit[:, 0], unit[:, 1], 1.0 - unit.sum(axis=1)], axis=0)
+        triangle = int(inside.argmax())
+        if inside[triangle] > best:
+            best = inside[triangle]
+            found = p2_basis(unit[[triangle]])[0] @ values[elements.nodes[triangle]]
+    return found
+
+
+def _jacobians(system: System, state: RawState, reported: Mapping[str, float]) -> dict[str, Quantity]:
+    """Smallest J = det F of all, of the fluid and of the solids where there are both, and where each solid has it."""
+    solids = {_name(system, region): solid.elements for region, solid in system.solids.items()}
+    fluid = {"fluid": system.fluid.elements} if system.fluid is not None else {}
+    smallest = {name: _smallest(system, elements, state, name, reported) for name, elements in (fluid | solids).items()}
+    groups = {"": [*smallest]}
+    if fluid and solids:
+        groups |= {"_fluid": ["fluid"], "_solid": [*solids]}
+    found = {}
+    for ending, names in groups.items():
+        value, size, _ = smallest[names[int(np.argmin([smallest[name][0] for name in names]))]]
+        found[f"min_jacobian{ending}"] = Quantity.of(value, size)
+    if solids:
+        extent = float(np.ptp(system.mesh.vertices, axis=0).max())
+        for name, (_, _, place) in smallest.items():
+            for component, value in zip(_COMPONENTS, place.tolist(), strict=True):
+                found[f"min_jacobian_{name}_{component}"] = Quantity(value, max(extent, abs(value)))
+    return found
+
+
+def _name(system: System, region: int) -> str:
+    return system.problem.names.get(region, f"region {region}")
+
+
+def _smallest(
+    system: System, elements: Elements, state: RawState, name: str, reported: Mapping[str, float]
+) -> tuple[float, float, Floats]:
+    """Smallest det F at the quadrature points, the size of its terms, and where: of equals, where it is reported."""
+    jacobian, size = _determinants(elements, state)
+    lowest = jacobian.argmin()
+    equal = np.flatnonzero((jacobian <= jacobian.ravel()[lowest] + _TIE * size).ravel())
+    triangle, point = np.divmod(equal, jacobian.shape[1])
+    places = np.einsum("na,nai->ni", elements.p1[point], system.mesh.vertices[elements.vertices[triangle]])
+    told = np.array([_number(reported.get(f"min_jacobian_{name}_{component}")) for component in _COMPONENTS])
+    distance = np.hypot(*(places - told).T)
+    nearest = 0 if np.isnan(distance).any() else int(distance.argmin())
+    return float(jacobian.ravel()[lowest]), float(size.ravel()[lowest]), places[nearest]
+
+
+def _determinants(elements: Elements, state: RawState) -> tuple[Floats, Floats]:
+    """Det F and |F|^2 at the quadrature points, (n, 7)."""
+    deformation = IDENTITY + terms.gradient_of(state.u[elements.nodes], elements.gradients)
+    return determinant(deformation), double_dot(deformation, deformation)
+
+
+# Comparison -----------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Difference:
+    """The worst quantity: its relative ``difference``, and ``words`` that name it and both values."""
+
+    difference: float
+    words: str
+
+
+def compare(found: Mapping[str, Quantity], reported: Mapping[str, Any], needed: Collection[str] = ()) -> Difference:
+    """Return the worst of the reported quantities.
+
+    One that is not recomputed, and one of the ``needed`` that is not reported, differs infinitely.
+    """
+    worst = Difference(0.0, "")
+    for name in [*reported, *(name for name in needed if name not in reported)]:
+        if name not in found:
+            now = Difference(math.inf, f"{name} is reported, which nobody recomputes")
+        elif name not in reported:
+            now = Difference(math.inf, f"{name} is not reported, recomputed {found[name].value:.12g}")
+        else:
+            value = _number(reported[name])
+            words = f"{name} is reported as {reported[name]!r}, recomputed {found[name].value:.12g}"
+            now = Difference(found[name].difference(value), words)
+        if not now.difference <= worst.difference and not math.isnan(worst.difference):
+            worst = now
+    return worst
+
+
+def _number(value: Any) -> float:
+    """Value of a number, NaN of anything else."""
+    return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else math.nan
