@@ -14,7 +14,7 @@ from typing import Any, get_args
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-from ffsi import weakform
+from ffsi import units, weakform
 from ffsi.scene import Boundary, Scene, boundaries
 from ffsi.scene.boundaries import STRUTS
 from ffsi.scene.flow import WOMERSLEY
@@ -51,6 +51,11 @@ class Parameter:
     def integer(self) -> bool:
         """Whether the script accepts integers only."""
         return isinstance(self.value, int)
+
+    @property
+    def unit(self) -> str:
+        """Unit in the scene's own system as a formula of the script, "1" without dimension."""
+        return units.formula(self.limits.unit) if isinstance(self.limits, Quantity) else "1"
 
     @property
     def kind(self) -> int:
@@ -152,6 +157,7 @@ def _environment() -> Environment:
 
 def _context(scene: Scene, mumps: bool) -> dict[str, Any]:
     fluid, fsi = scene.fluid is not None, scene.physics == "fsi"
+    numbers = parameters(scene)
     slots, n_slots = weakform.fluid_slots(scene)
     components = weakform.components(scene)
     outline = boundaries(scene)
@@ -165,7 +171,8 @@ def _context(scene: Scene, mumps: bool) -> dict[str, Any]:
         "version": package_version(),
         "mumps": mumps,
         "linear_solver": "MUMPS" if mumps else "UMFPACK",
-        "parameters": parameters(scene),
+        "parameters": numbers,
+        **units.context(scene, numbers),
         "has_fluid": fluid,
         "fsi": fsi,
         "solids": solids,

@@ -18,7 +18,7 @@ from ffsi.rawfiles import RawFileError, read_arrays
 
 logger = logging.getLogger(__name__)
 
-CHECKPOINT_VERSION = 2
+CHECKPOINT_VERSION = 3
 _STATES, _PER_FACTORS = 4, 3  # arrays of the last states, and for each set of kept factors
 _WALL = 4  # arrays of the wall shear stress, where it is summed
 _SAME = 1e-9

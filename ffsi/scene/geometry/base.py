@@ -66,6 +66,8 @@ class GeometryBase(Table, ABC):
     """Key of the length with which they grow."""
     free_names: ClassVar[bool] = False
     """Whether the solids have names that a user chose."""
+    size_key: ClassVar[str] = ""
+    """Key of the length that the script measures all others by: in its units it has its default value, or 1."""
     adapted: ClassVar[bool] = True
     """Whether the mesh is adapted to the element sizes after the template has made a first one."""
     optional_solids: ClassVar[tuple[str, ...]] = ()

@@ -1,0 +1,95 @@
+"""The script's own units: what its block of units takes from the scene's parameters, whatever laws they belong to."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+from ffsi.scene import Scene
+
+if TYPE_CHECKING:
+    from ffsi.render import Parameter
+
+_POWERS = {"m": (1, 0, 0), "kg": (0, 1, 0), "s": (0, 0, 1), "Pa": (-1, 1, -2), "1": (0, 0, 0)}
+_POWER_LAW = "Pa s^m"
+
+
+def powers(unit: str) -> tuple[int, int, int]:
+    """Return the powers of length, mass and time in a unit such as "kg/m^3" or "Pa s"."""
+    total = [0, 0, 0]
+    for place, part in enumerate(unit.split("/")):
+        for factor in part.split():
+            name, _, power = factor.partition("^")
+            sign = (-1 if place else 1) * int(power or 1)
+            total = [old + sign * new for old, new in zip(total, _POWERS[name], strict=True)]
+    length, mass, time = total
+    return length, mass, time
+
+
+def formula(unit: str) -> str:
+    """Return a unit as a formula of the script's unitLength, unitMass and unitTime, "1" without dimension."""
+    if unit == _POWER_LAW:
+        return "unitPressure*unitTime^fluidExponent"
+    names = ("unitLength", "unitMass", "unitTime")
+    factors = [
+        name if power == 1 else f"{name}^({power})" if power < 0 else f"{name}^{power}"
+        for name, power in zip(names, powers(unit), strict=True)
+        if power
+    ]
+    return "*".join(factors) or "1"
+
+
+def context(scene: Scene, parameters: Sequence[Parameter]) -> dict[str, Any]:
+    """Return formulas in SI for the template of the units: the scene's size, and pressures of all that acts in it."""
+    geometry = scene.geometry
+    size = f"geometry{geometry.size_key.capitalize()}" if geometry.size_key else ""
+    if size:
+        default = type(geometry).model_fields[geometry.size_key].default
+        length = f"{size}/{default!r}" if isinstance(default, float) else size
+    else:
+        length = f"{math.sqrt(sum(scene.exact_areas().values())):.3g}" if geometry.free_names else "1"
+    found: dict[str, Any] = {"unit_of_length": length}
+    of_solids = [p.variable for p in parameters if p.key.startswith("solid.") and _unit(p) == "Pa"]
+    if scene.fluid is None:
+        return found | {"unit_of_stiffness": _largest(of_solids)}
+    inlet = getattr(geometry, "inlet", None)
+    found["unit_of_size"] = size if size == "geometryHeight" else repr(inlet.height) if inlet else length
+    of_fluid = [p for p in parameters if p.key.startswith("fluid.")]
+    viscosities = [p.variable for p in of_fluid if _unit(p) == "Pa s"]
+    found["viscous"] = [
+        term
+        for p in of_fluid
+        if (term := {
+            "Pa s": f"{p.variable}*unitVelocity/size",
+            "Pa": p.variable,
+            _POWER_LAW: f"{p.variable}*(unitVelocity/size)^fluidExponent",
+        }.get(_unit(p)))
+    ]  # fmt: skip
+    found["viscosity"] = _largest(viscosities)
+    drives = [
+        f"abs({p.variable})"
+        for p in parameters
+        if _unit(p) == "Pa" and not p.key.startswith(("fluid.", "solid."))
+    ]  # fmt: skip
+    if scene.gravity:
+        drives.append("fluidDensity*sqrt(gravityX^2+gravityY^2)*size")
+    found["drives"] = drives
+    rates = [p.variable for p in of_fluid if _unit(p) == "1/s"]
+    if viscosities:
+        found["unit_of_rest"] = f"{_largest(viscosities)}/(fluidDensity*size)"
+    else:
+        found["unit_of_rest"] = f"{_largest(rates)}*size"
+    return found
+
+
+def _unit(parameter: Parameter) -> str:
+    return getattr(parameter.limits, "unit", "1")
+
+
+def _largest(variables: Sequence[str]) -> str:
+    """Return the largest of some variables as a formula, 0 without any."""
+    text = variables[0] if variables else "0."
+    for variable in variables[1:]:
+        text = f"max({text}, {variable})"
+    return text
