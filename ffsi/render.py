@@ -24,7 +24,7 @@ from ffsi.scene.materials import CompressibleElastic
 from ffsi.scene.units import Count, Quantity
 
 # Keys that are no numbers of the mathematics, or decide the structure, and stay in Python.
-PYTHON_ONLY = ("solver.time_limit", "geometry.stent.count", "geometry.outer_radius")
+PYTHON_ONLY = ("solver.time_limit", "geometry.stent.count")
 
 
 @dataclass(frozen=True)

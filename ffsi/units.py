@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from ffsi.scene import Scene
+from ffsi.scene.geometry import ChannelGeometry
 
 if TYPE_CHECKING:
     from ffsi.render import Parameter
@@ -43,18 +44,19 @@ def formula(unit: str) -> str:
 def context(scene: Scene, parameters: Sequence[Parameter]) -> dict[str, Any]:
     """Return formulas in SI for the template of the units: the scene's size, and pressures of all that acts in it."""
     geometry = scene.geometry
-    size = f"geometry{geometry.size_key.capitalize()}" if geometry.size_key else ""
-    if size:
-        default = type(geometry).model_fields[geometry.size_key].default
-        length = f"{size}/{default!r}" if isinstance(default, float) else size
+    if geometry.kind == "mesh":
+        length = repr(math.sqrt(sum(scene.exact_areas().values())))
     else:
-        length = f"{math.sqrt(sum(scene.exact_areas().values())):.3g}" if geometry.free_names else "1"
+        variable = next(p.variable for p in parameters if p.key == f"geometry.{geometry.sized_by}")
+        default = type(geometry).model_fields[geometry.sized_by].default
+        length = f"{variable}/{default!r}" if isinstance(default, float) else variable
     found: dict[str, Any] = {"unit_of_length": length}
     of_solids = [p.variable for p in parameters if p.key.startswith("solid.") and _unit(p) == "Pa"]
     if scene.fluid is None:
         return found | {"unit_of_stiffness": _largest(of_solids)}
-    inlet = getattr(geometry, "inlet", None)
-    found["unit_of_size"] = size if size == "geometryHeight" else repr(inlet.height) if inlet else length
+    assert isinstance(geometry, ChannelGeometry)
+    height = geometry.inlet.height
+    found["unit_of_size"] = repr(height) if geometry.kind == "mesh" else f"{height / geometry.size!r}*unitLength"
     of_fluid = [p for p in parameters if p.key.startswith("fluid.")]
     viscosities = [p.variable for p in of_fluid if _unit(p) == "Pa s"]
     found["viscous"] = [

@@ -130,6 +130,11 @@ class Aneurysm(ChannelGeometry):
         return (x0, y0), (x1, y1)
 
     @property
+    def as_drawn(self) -> Aneurysm:
+        """The aneurysm whose outline is that of the data, with the walls of this one: what the script's units see."""
+        return self.model_copy(update={"outer_radius": type(self).model_fields["outer_radius"].default})
+
+    @property
     def spline(self) -> dict[str, list[float]]:
         """The dome's curve for the script: `knot` and the coefficients `x3` to `x0`, `y3` to `y0` between them, m."""
         table = {

@@ -63,11 +63,9 @@ class GeometryBase(Table, ABC):
     default_sizes: ClassVar[ElementSizes | None]
     """Element sizes that are not given, for the default lengths; None where a file holds the mesh."""
     sized_by: ClassVar[str]
-    """Key of the length with which they grow."""
+    """Key of the length with which they grow; the script measures all lengths by it. A mesh of a file has none."""
     free_names: ClassVar[bool] = False
     """Whether the solids have names that a user chose."""
-    size_key: ClassVar[str] = ""
-    """Key of the length that the script measures all others by: in its units it has its default value, or 1."""
     adapted: ClassVar[bool] = True
     """Whether the mesh is adapted to the element sizes after the template has made a first one."""
     optional_solids: ClassVar[tuple[str, ...]] = ()

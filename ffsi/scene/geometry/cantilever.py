@@ -20,7 +20,6 @@ class Cantilever(GeometryBase):
     # For the default length and thickness: two elements across at level 0.
     sized_by: ClassVar[str] = "thickness"
     default_sizes: ClassVar[ElementSizes] = ElementSizes(growth=0.5, far_size=0.005, body_size=0.005, corner_size=0.002)
-    size_key: ClassVar[str] = "length"
 
     kind: Literal["cantilever"] = Field("cantilever", description="name of the geometry")
     length: Length = Field(1.0, description="length, m")

@@ -21,7 +21,7 @@ class Channel(ChannelGeometry):
     default_sizes: ClassVar[ElementSizes] = ElementSizes(growth=0.01, far_size=0.4, body_size=0.035, corner_size=0.035)
     """For a height of 1 m. A developed flow changes across the channel only: long triangles, equal rows."""
     adapted: ClassVar[bool] = False
-    size_key: ClassVar[str] = "height"
+    sized_by: ClassVar[str] = "height"
 
     kind: Literal["channel"] = Field("channel", description="name of the geometry")
     length: Length = Field(description="length of the channel, m")

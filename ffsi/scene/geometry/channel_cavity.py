@@ -21,7 +21,6 @@ class ChannelCavity(ChannelGeometry):
 
     sized_by: ClassVar[str] = "cavity_width"
     default_sizes: ClassVar[ElementSizes] = ElementSizes(growth=0.75, far_size=0.6, body_size=0.2, corner_size=0.08)
-    size_key: ClassVar[str] = "height"
 
     kind: Literal["channel-cavity"] = Field("channel-cavity", description="name of the geometry")
     length: Length = Field(14.0, description="length of the channel, m")

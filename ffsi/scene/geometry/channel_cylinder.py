@@ -27,7 +27,6 @@ class ChannelCylinder(ChannelGeometry):
     optional_solids: ClassVar[tuple[str, ...]] = ("beam",)
     sized_by: ClassVar[str] = "cylinder_radius"
     default_sizes: ClassVar[ElementSizes] = ElementSizes(growth=0.75, far_size=0.09, body_size=0.014, corner_size=0.003)
-    size_key: ClassVar[str] = "height"
 
     kind: Literal["channel-cylinder"] = Field("channel-cylinder", description="name of the geometry")
     length: Length = Field(2.5, description="length of the channel, m")

@@ -20,7 +20,6 @@ class CookMembrane(GeometryBase):
 
     sized_by: ClassVar[str] = "left_height"
     default_sizes: ClassVar[ElementSizes] = ElementSizes(growth=0.4, far_size=2.1, body_size=2.1, corner_size=0.1)
-    size_key: ClassVar[str] = "width"
 
     kind: Literal["cook"] = Field("cook", description="name of the geometry")
     width: Length = Field(48.0, description="distance of the right side from the left side, m")

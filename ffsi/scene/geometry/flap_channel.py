@@ -30,7 +30,6 @@ class FlapChannel(ChannelGeometry):
     optional_solids: ClassVar[tuple[str, ...]] = ("roof",)
     sized_by: ClassVar[str] = "flap_height"
     default_sizes: ClassVar[ElementSizes] = ElementSizes(growth=0.6, far_size=0.1, body_size=0.015, corner_size=0.008)
-    size_key: ClassVar[str] = "height"
 
     kind: Literal["flap-channel"] = Field("flap-channel", description="name of the geometry")
     length: Length = Field(2.5, description="length of the channel, m")
