@@ -68,9 +68,13 @@ class WallState:
     def evaluations(self) -> Evaluations[float]:
         """What `quantities` consists of, by what it is in words: one that fails takes no other with it."""
         return {
-            "flow rates": lambda: rates(self.mesh, self.state),
+            "flow rates": self._flow_rates,
             "wall shear stress by part": self._stress_by_part,
         }
+
+    def _flow_rates(self) -> dict[str, float]:
+        assert self.scene.fluid is not None
+        return rates(self.mesh, self.state, float(self.scene.fluid.apparent_viscosity(np.zeros(1))[0]))
 
     def _stress_by_part(self) -> dict[str, float]:
         size = np.hypot(*self.wall_shear_stress.T)

@@ -20,6 +20,7 @@ SECONDS = 8.0
 FRAME = (0.04, 0.5)
 """Shortest and longest time of one frame, s."""
 _COLOURS = 256
+_SHORT = 6  # digits, at most, that a time has before or after its point
 _SAMPLES = 4
 
 
@@ -41,10 +42,10 @@ def write_animation(result: Result, name: str, output: Path) -> int:
         scale = figures.common_scale(name, (result.fields_of(step) for step in steps))
     except ValueError as error:
         raise InputError(f"{result.directory}: {error}") from error
-    digits = int(np.clip(1 - np.floor(np.log10(steps[-1].time / len(steps))), 0, 6))
+    form = _form([step.time for step in steps])
 
     def frame(step: SavedStep) -> Image.Image:
-        title = f"{result.data['case']}, t = {step.time:.{digits}f} s"
+        title = f"{result.data['case']}, t = {step.time:{form}} s"
         with Image.open(
             io.BytesIO(figures.to_png(figures.draw(name, result.fields_of(step), title, scale), DPI))
         ) as image:
@@ -61,6 +62,12 @@ def write_animation(result: Result, name: str, output: Path) -> int:
     partial.write_bytes(buffer.getvalue())
     partial.replace(output)
     return len(frames)
+
+
+def _form(times: Sequence[float]) -> str:
+    """Return the format in which the times (s) of an animation differ, and are equally long."""
+    digits = int(1 - np.floor(np.log10(times[-1] / len(times))))
+    return f".{max(digits, 0)}f" if -_SHORT < digits <= _SHORT else f".{len(str(len(times)))}e"
 
 
 def _palette(samples: Sequence[Image.Image]) -> Image.Image:

@@ -28,6 +28,8 @@ _ALONG = 38  # at most so many arrows along the longer side
 _ARROWS = 350  # at most about so many in all
 _ROW_GAP = 0.85  # distance of the rows of arrows, in distances along a row
 _COARSEST = 50  # dots per inch
+_THIN = 1e-6  # part of a picture's longer side that the other one has at least
+_CONSTANT = 1e-9  # relative difference below which values are the same but for rounding
 STEPS = [1, 2, 2.5, 5, 10]  # of the numbers on axes and colour bars
 _EDGES = np.array([[0, 3, 1], [1, 4, 2], [2, 5, 0]])  # of a quadratic triangle in VTK's order
 
@@ -57,9 +59,9 @@ def draw(name: str, fields: Fields, title: str = "", scale: Scale | None = None)
         scale: range and window, for pictures to be compared; None: those of these fields.
 
     Raises:
-        ValueError: these fields have no such picture.
+        ValueError: these fields have no such picture, or a value in it is no number.
     """
-    _refuse_unknown(name, fields)
+    _refuse(name, fields)
     return {"velocity": velocity, "pressure": pressure, "displacement": displacement}[name](fields, title, scale)
 
 
@@ -67,11 +69,11 @@ def common_scale(name: str, states: Iterable[Fields]) -> Scale:
     """Return the range and the window that fit one kind of picture of all states.
 
     Raises:
-        ValueError: there is no state, or no such picture of one.
+        ValueError: there is no state, or no such picture of one, or a value in it is no number.
     """
     lows, highs, lower, upper = [], [], [], []
     for fields in states:
-        _refuse_unknown(name, fields)
+        _refuse(name, fields)
         low, high = _range(name, fields)
         start, end = _window(name, fields)
         lows.append(low)
@@ -83,9 +85,13 @@ def common_scale(name: str, states: Iterable[Fields]) -> Scale:
     return Scale(min(lows), max(highs), (np.min(lower, axis=0), np.max(upper, axis=0)))
 
 
-def _refuse_unknown(name: str, fields: Fields) -> None:
+def _refuse(name: str, fields: Fields) -> None:
     if name not in available(fields):
         raise ValueError(f"no picture {name!r} of these fields; there is {', '.join(available(fields))}")
+    shown = np.unique(fields.cells[(fields.region == FLUID) != (name == "displacement")])
+    for what, values in (("displacement", fields.deformed), (name, getattr(fields, name)[shown])):
+        if not np.isfinite(values).all():
+            raise ValueError(f"the {what} holds a value that is not finite")
 
 
 def _range(name: str, fields: Fields) -> tuple[float, float]:
@@ -197,7 +203,8 @@ def _around(fields: Fields, selected: NDArray[np.bool_]) -> tuple[FloatArray, Fl
 def canvas(title: str, window: tuple[FloatArray, FloatArray]) -> tuple[Figure, Axes]:
     """Return an empty picture of a window, lower left and upper right corner in m, with equal axes."""
     low, high = window
-    length, height = np.maximum(high - low, 1e-12)
+    size = high - low
+    length, height = np.maximum(size, _THIN * float(size.max()) or 1.0)
     margin = 0.012 * max(length, height)
     ratio = float(height / length)
     size = (
@@ -281,8 +288,9 @@ def _centred(low: float, high: float, step: float) -> FloatArray:
 
 def _pressure_levels(values: FloatArray) -> tuple[FloatArray, str]:
     low, high = np.percentile(values, [0.3, 99.7])
-    if not high > low:
-        low, high = low - 0.5, high + 0.5
+    if high - low <= _CONSTANT * max(abs(low), abs(high)):
+        half = 0.5 * (abs(low) or 1.0)
+        low, high = low - half, high + half
     palette = "plasma"
     if low < 0 < high and min(-low, high) > 0.5 * max(-low, high):
         low, high, palette = -max(-low, high), max(-low, high), "RdBu_r"

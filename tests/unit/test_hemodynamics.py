@@ -8,7 +8,7 @@ from run_folders import structured_mesh
 
 from ffsi.fields import Fields
 from ffsi.hemodynamics.aneurysm import beyond_corners
-from ffsi.hemodynamics.flow import dome_flow, flow_rate
+from ffsi.hemodynamics.flow import dome_flow, flow_rate, rates
 from ffsi.hemodynamics.parts import over_parts, part_of, wall_frame
 from ffsi.hemodynamics.state import WallState, reports_walls
 from ffsi.hemodynamics.stress import cauchy_stress, effective_stress, largest_beyond, von_mises
@@ -124,6 +124,20 @@ def test_flow_rate_is_exact_for_quadratic_velocities() -> None:
     flow = state(mesh, poiseuille(mesh.p2_coordinates[:, 1]))
     assert flow_rate(mesh, flow, 2) == pytest.approx(3 * 0.5**3 / 6, rel=1e-14)
     assert flow_rate(mesh, flow, 1) == pytest.approx(-3 * 0.5**3 / 6, rel=1e-14)
+
+
+@pytest.mark.parametrize("unit", [1e-6, 1.0, 1e6])
+def test_the_rounding_of_a_fluid_at_rest_is_no_imbalance(unit: float) -> None:
+    """Velocities of the pressure's rounding, p H/mu times 1e-15, in units of length; a flow has the imbalance it has."""
+    mesh = replace(channel(), vertices=unit * channel().vertices)
+    pressure = np.full(len(mesh.vertices), 13e3)
+    noise = 1e-15 * 13e3 * 0.5 * unit / 0.02 * np.random.default_rng(1).normal(size=(mesh.n_p2, 2))
+    at_rest = replace(state(mesh, noise), p=pressure)
+    assert abs(rates(mesh, at_rest, 0.02)["mass_balance"]) < 1e-5
+    assert rates(mesh, state(mesh, 0 * noise), 0.02)["mass_balance"] == 0.0
+    leaking = np.column_stack([unit * (2 + mesh.p2_coordinates[:, 0] / unit / 2), 0 * noise[:, 0]])
+    assert rates(mesh, replace(state(mesh, leaking), p=pressure), 0.02)["mass_balance"] == pytest.approx(-1 / 3)
+    assert np.isnan(rates(mesh, state(mesh, noise * np.nan), 0.02)["mass_balance"])
 
 
 def test_at_a_vertex_the_mean_of_its_edges_off_the_walls_nothing() -> None:

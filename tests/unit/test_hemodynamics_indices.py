@@ -73,6 +73,11 @@ def test_bounds() -> None:
     assert relative_residence_time([0.0, 2.0], [0.0, 0.25]).tolist() == [np.inf, 1.0]
 
 
+def test_what_is_no_number_gives_none() -> None:
+    assert np.isnan(oscillatory_shear_index(np.array([0.1, np.nan]), np.array([np.nan, 1.0]))).all()
+    assert np.isnan(change(np.array([1.0, 1.0]), np.array([np.nan, 1.0]), np.ones(2)))
+
+
 def test_change_is_relative_to_the_later_cycle() -> None:
     assert change(np.array([1.0, 2.0]), np.array([1.0, 4.0]), np.array([1.0, 0.25])) == pytest.approx(
         np.sqrt(0.25 * 4 / (1 + 0.25 * 16))

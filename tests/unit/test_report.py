@@ -2,12 +2,14 @@
 
 import io
 import re
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 import pytest
 from matplotlib.colors import to_rgb
+from matplotlib.quiver import Quiver
 from PIL import Image
 from run_folders import FakeCheck, FakeFreeFEM, exact, given_state, make_run, structured_mesh
 
@@ -61,6 +63,47 @@ def test_a_long_domain_gets_a_flat_picture_with_undistorted_axes(fields):
     axes = figure.axes[0]
     box = axes.get_window_extent()
     assert box.width / box.height == pytest.approx(np.ptp(axes.get_xlim()) / np.ptp(axes.get_ylim()), rel=1e-6)
+
+
+@pytest.mark.parametrize("unit", [1e-6, 1e6])
+def test_pictures_are_the_same_in_other_units(fields, unit):
+    """But for the numbers at their axes; a thousandth of the pixels is rounding."""
+    scaled = replace(
+        fields, points=unit * fields.points, displacement=unit * fields.displacement, velocity=unit * fields.velocity,
+        pressure=unit * fields.pressure,
+    )  # fmt: skip
+    for name in figures.available(fields):
+        plain, other = figures.draw(name, fields), figures.draw(name, scaled)
+        for figure in (plain, other):
+            for axes in figure.axes:
+                axes.set_axis_off()
+        difference = pixels(plain).astype(int) - pixels(other).astype(int)
+        assert (abs(difference) > 60).any(axis=-1).mean() < 1e-3
+
+
+@pytest.mark.parametrize("name", ["velocity", "pressure", "displacement"])
+def test_a_value_that_is_no_number_is_not_drawn(fields, name):
+    values = getattr(fields, name).copy()
+    values[fields.cells[fields.region == (2 if name == "displacement" else 1)][0, 0]] = np.nan
+    with pytest.raises(ValueError, match="holds a value that is not finite"):
+        figures.draw(name, replace(fields, **{name: values}))
+
+
+def test_a_folded_mesh_is_drawn(fields):
+    """Matplotlib's own finder of triangles refuses it."""
+    shift = 0.1 * np.random.default_rng(1).normal(size=fields.displacement.shape)
+    folded = replace(fields, displacement=fields.displacement + shift)
+    for name in figures.available(fields):
+        figure = figures.draw(name, folded)
+        assert pixels(figure).std() > 10
+    assert any(isinstance(artist, Quiver) for artist in figures.draw("velocity", folded).axes[0].collections)
+
+
+@pytest.mark.parametrize("value", [1e-9, 1e9, 0.0])
+def test_a_constant_pressure_has_levels_of_its_size(value):
+    levels, _ = figures._pressure_levels(np.array([value, value * (1 + 1e-15)]))
+    assert levels[0] <= value <= levels[-1]
+    assert levels[-1] - levels[0] <= 2 * (value or 1.0)
 
 
 def test_available_pictures_follow_the_physics(fields):
