@@ -203,10 +203,10 @@ def _around(fields: Fields, selected: NDArray[np.bool_]) -> tuple[FloatArray, Fl
 def canvas(title: str, window: tuple[FloatArray, FloatArray]) -> tuple[Figure, Axes]:
     """Return an empty picture of a window, lower left and upper right corner in m, with equal axes."""
     low, high = window
-    size = high - low
-    length, height = np.maximum(size, _THIN * float(size.max()) or 1.0)
+    longer = float((high - low).max())
+    length, height = np.maximum(high - low, _THIN * longer or 1.0).tolist()
     margin = 0.012 * max(length, height)
-    ratio = float(height / length)
+    ratio = height / length
     size = (
         (WIDTH, 1.75 + 0.9 * WIDTH * ratio)
         if length > _LONG * height

@@ -128,7 +128,7 @@ def test_flow_rate_is_exact_for_quadratic_velocities() -> None:
 
 @pytest.mark.parametrize("unit", [1e-6, 1.0, 1e6])
 def test_the_rounding_of_a_fluid_at_rest_is_no_imbalance(unit: float) -> None:
-    """Velocities of the pressure's rounding, p H/mu times 1e-15, in units of length; a flow has the imbalance it has."""
+    """Velocities of the pressure's rounding, p H/mu times 1e-15; a flow has the imbalance that it has."""
     mesh = replace(channel(), vertices=unit * channel().vertices)
     pressure = np.full(len(mesh.vertices), 13e3)
     noise = 1e-15 * 13e3 * 0.5 * unit / 0.02 * np.random.default_rng(1).normal(size=(mesh.n_p2, 2))
