@@ -41,7 +41,8 @@ class Outlet:
     ``pressure`` Pa and ``ramp``, the function of time that multiplies it; ``resistance`` Pa s/m2, in front of which the
     flow rate drives the pressure at once: of the kind ``windkessel`` it is the proximal one, behind which the reservoir
     of the ``compliance`` m2/Pa empties through the ``distal`` resistance. ``backflow`` is the weight of the momentum
-    that fluid which comes back brings along. Raises ``ValueError`` for an unknown kind.
+    that fluid which comes back brings along. ``hydrostatic`` adds to the pressure behind the outlet that of a column of
+    the fluid, which is zero where the outlet ends highest against gravity. Raises ``ValueError`` for an unknown kind.
     """
 
     kind: OutletKind
@@ -50,6 +51,7 @@ class Outlet:
     distal: float = 0.0
     compliance: float = 0.0
     backflow: float = 0.0
+    hydrostatic: bool = False
     ramp: Callable[[float], float] | None = None
 
     def __post_init__(self) -> None:

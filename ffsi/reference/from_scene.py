@@ -125,6 +125,7 @@ def _outlet(scene: Scene) -> Outlet | None:
         distal=outlet.distal_resistance or 0.0,
         compliance=outlet.compliance or 0.0,
         backflow=outlet.backflow or 0.0,
+        hydrostatic=bool(getattr(outlet, "hydrostatic", False)),
         ramp=_ramp(scene),
     )
 

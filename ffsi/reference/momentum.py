@@ -10,6 +10,7 @@ import numpy as np
 from ffsi.rawfiles import Floats, Ints, RawState
 from ffsi.reference import terms
 from ffsi.reference.conditions import Outlet, Support
+from ffsi.reference.elements import gauss_rule
 from ffsi.reference.materials import Array
 from ffsi.reference.problem import Fluid
 from ffsi.reference.system import FluidPart, Sides, SolidPart, System
@@ -74,6 +75,16 @@ def outlet_pressure(system: System, outlet: Outlet, sides: Sides, v: Array) -> A
         flow = increment.step.mean(flow, terms.outlet_flow(sides.normal, increment.old.v[sides.nodes]))
         pressure = outlet.during(increment.step, flow, increment.reservoir)
     return terms.outlet_pressure(sides.normal, pressure)
+
+
+def column_pressure(system: System, law: Fluid, sides: Sides) -> Array:
+    """Work of the pressure of a column of fluid behind the outlet on its sides, (n, 3, 2); they do not move."""
+    points = gauss_rule(3)[0]
+    start = system.mesh.p2_coordinates[sides.nodes[:, 0]]
+    places = start[:, None] + points[:, None] * sides.tangent[:, None]
+    gravity = np.array(system.problem.gravity)
+    highest = (system.mesh.p2_coordinates[sides.nodes] @ gravity).min(initial=np.inf)
+    return terms.outlet_pressure(sides.normal, law.density * (places @ gravity - highest))
 
 
 def support(system: System, held: Support, edges: Ints, u: Array, v: Array) -> Array:

@@ -198,6 +198,8 @@ def _outlet(system: System, fluid: FluidPart, outlet: Outlet, state: RawState) -
     local = dict(momentum.outlet(system, fluid.law, outlet, sides, state.v[sides.nodes]))
     if outlet.presses:
         local[OUTLET] = momentum.outlet_pressure(system, outlet, sides, state.v[sides.nodes])
+    if outlet.hydrostatic:
+        local[OUTLET] = local.get(OUTLET, 0.0) + momentum.column_pressure(system, fluid.law, sides)
     return {name: scatter(term, sides.nodes, system.mesh.n_p2) for name, term in local.items()}
 
 

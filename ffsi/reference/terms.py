@@ -296,10 +296,14 @@ def outlet_flow(normal: Floats, v: Array) -> Array:
 
 
 def outlet_pressure(normal: Floats, pressure: Array | float) -> Array:
-    """Work of a pressure, a scalar in pascals, that acts on sides from outside, (n, 3, 2)."""
+    """Work of a pressure, in pascals, that acts on sides from outside, (n, 3, 2).
+
+    It is one number, or (n, 3) at the three Gauss points of each side.
+    """
     points, weights = gauss_rule(3)
-    share = weights @ line_basis(points)[0]
-    result: Array = pressure * share[:, None] * normal[:, None, :]
+    share = (line_basis(points)[0] * weights[:, None]).T
+    acting = np.asarray(pressure) * np.ones((len(normal), 3))
+    result: Array = np.einsum("aq,nq,ni->nai", share, acting, normal)
     return result
 
 

@@ -100,6 +100,38 @@ def test_steady_pressure_at_the_outlet(outlet, pressure):
                 assert failing(report) == {"outlet_difference"}
 
 
+OUTLETS = [
+    Outlet("do-nothing", hydrostatic=True),
+    Outlet("zero-traction", hydrostatic=True),
+    Outlet("pressure", 0.7, hydrostatic=True),
+    Outlet("resistance", 0.7, resistance=2.0, hydrostatic=True),
+    dataclasses.replace(WINDKESSEL, hydrostatic=True),
+]
+
+
+@pytest.mark.parametrize("outlet", OUTLETS, ids=lambda outlet: outlet.kind)
+@pytest.mark.parametrize("gravity", [(0.0, -9.0), (0.0, 9.0), (3.0, -9.0)])
+def test_fluid_rests_before_a_hydrostatic_outlet(outlet, gravity):
+    mesh, fluid = channel_mesh(), Fluid(1.3, Newtonian(VISCOSITY))
+    still = Inflow(lambda s, time: 0.0 * s)
+    problem = channel_problem(fluid=fluid, outlet=outlet, inflow=still, gravity=gravity)
+    top = np.array([LENGTH, HEIGHT if gravity[1] < 0 else 0.0])  # of the outlet, against gravity
+    level = outlet.pressure
+    state = state_of(mesh, p=lambda x: level + 1.3 * ((x - top) @ np.array(gravity)))
+    system = System.build(problem, mesh)
+    for each in (system, system.stepping(state, Step(K, 0.6, K), level)):
+        found = compute_residual(each, state).relative
+        assert found["momentum"] < 1e-13 and found["continuity"] == 0.0
+    assert max(solve(system, tolerance=1e-9).state.v.ravel()) < 1e-12
+    for wrong in (
+        dict(outlet=dataclasses.replace(outlet, hydrostatic=False)),
+        dict(gravity=(gravity[0], -gravity[1])),
+        dict(fluid=Fluid(1.3001, Newtonian(VISCOSITY))),
+    ):
+        other = System.build(dataclasses.replace(problem, **wrong), mesh)
+        assert compute_residual(other, state).relative["momentum"] > 1e-6
+
+
 def quasi_steady(outlet, theta_of, count, end=0.3, factor=None):
     """Pressures at the outlet, of the time n + theta, and of the reservoir in creeping flow, by steps from t = 0."""
     system = poiseuille_system(outlet, factor, density=0.0)
