@@ -1,7 +1,6 @@
 """Groups that share edges and triangles, or list them reversed: every edge and triangle keeps all its names."""
 
 import itertools
-import struct
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -11,8 +10,9 @@ import meshio
 import numpy as np
 import pytest
 import tomli_w
+from vessel_meshes import beam_scene, lengths
 
-from ffsi.scene import Scene, SceneError, boundaries
+from ffsi.scene import Scene, SceneError
 from ffsi.scene.meshes import reading
 
 # A channel of 3 x 1 below a wall of 3 x 0.25: groups of curves and of surfaces; "-" lists one reversed.
@@ -96,10 +96,6 @@ def scene(file: Path, outline: dict[str, Any] = DEFAULT, **geometry: Any) -> Sce
     if "loaded" in outline:
         table["traction"] = {"y": 1}
     return Scene.from_toml(tomli_w.dumps(table))
-
-
-def lengths(found: Scene) -> dict[str, float]:
-    return {boundary.name: round(boundary.exact_length, 9) for boundary in boundaries(found)}
 
 
 def periodic() -> None:
@@ -250,23 +246,6 @@ def beam(tmp_path) -> dict[str, Any]:
     return {"points": points, "triangles": triangles, "left": [(3, 0)], "right": [(2, 5)]}
 
 
-def beam_scene(file: Path, clamped: str | int, region: str | int = "beam") -> Scene:
-    return Scene.from_toml(
-        tomli_w.dumps(
-            {
-                "name": "beam",
-                "geometry": {
-                    "kind": "mesh",
-                    "file": str(file),
-                    "regions": {"beam": region},
-                    "boundaries": {"clamped": clamped},
-                },
-                "solid": {"beam": {"material": "neo-hookean", "density": 1, "young_modulus": 1, "poisson_ratio": 0.3}},
-            }
-        )
-    )
-
-
 @pytest.mark.parametrize(("form", "data"), [("medit", "medit:ref"), ("vtu", "number"), ("vtk", "number")])
 def test_an_edge_written_once_for_each_number(form, data, beam, tmp_path) -> None:
     lines = np.array(beam["left"] + beam["left"] + beam["right"])
@@ -346,121 +325,6 @@ def test_sets_of_abaqus(parts, message, tmp_path) -> None:
         return
     with pytest.raises(SceneError, match=message):
         beam_scene(tmp_path / "beam.inp", "left")
-
-
-# Gmsh's format, byte by byte -----------------------------------------------------------------------------------------
-
-TEXT = """$MeshFormat
-4.1 0 8
-$EndMeshFormat
-$Comments
-what $Nodes holds
-$EndComments
-$PhysicalNames
-3
-1 5 "fixed"
-2 1 "beam"
-1 9 "nothing"
-$EndPhysicalNames
-$Entities
-0 2 1 0
-1 0 0 0 0 1 0 1 5 0
-2 2 0 0 2 1 0 1 -5 0
-1 0 0 0 2 1 0 1 1 2 1 -2
-$EndEntities
-$Nodes
-1 6 1 6
-2 1 0 6
-1
-2
-3
-4
-5
-6
-0 0 0
-1 0 0
-2 0 0
-0 1 0
-1 1 0
-2 1 0
-$EndNodes
-$Elements
-3 6 1 6
-1 1 1 1
-1 4 1
-1 2 1 1
-2 3 6
-2 1 2 4
-3 1 2 5
-4 1 5 4
-5 2 3 6
-6 2 6 5
-$EndElements
-$ElementData
-1
-"a view"
-1
-0
-$EndElementData
-"""
-
-
-@pytest.mark.parametrize("ends", ["\n", "\r\n"])
-def test_the_text_is_read(ends, tmp_path) -> None:
-    (tmp_path / "a.msh").write_bytes(TEXT.replace("\n", ends).encode())
-    assert lengths(beam_scene(tmp_path / "a.msh", "fixed")) == {"clamped": 2.0, "free": 4.0}
-
-
-@pytest.mark.parametrize("order", ["<", ">"])
-def test_binary_of_both_orders(order, tmp_path) -> None:
-    """Version 2.2, with the right side in its group reversed, and a triangle in two groups."""
-    points = [(0, 0), (1, 0), (2, 0), (0, 1), (1, 1), (2, 1)]
-    nodes = b"".join(struct.pack(f"{order}i3d", i, x, y, 0) for i, (x, y) in enumerate(points, start=1))
-    lines = struct.pack(f"{order}3i", 1, 2, 2) + struct.pack(f"{order}10i", 1, 5, 1, 4, 1, 2, -5, 2, 3, 6)
-    rows = [(3, 1, 1, 1, 2, 5), (4, 1, 1, 1, 5, 4), (5, 1, 1, 2, 3, 6), (6, 1, 1, 2, 6, 5), (7, 8, 1, 6, 2, 5)]
-    triangles = struct.pack(f"{order}3i", 2, 5, 2) + b"".join(struct.pack(f"{order}6i", *row) for row in rows)
-    data = b"$MeshFormat\n2.2 1 8\n" + struct.pack(f"{order}i", 1) + b"\n$EndMeshFormat\n$Nodes\n6\n" + nodes
-    data += b"\n$EndNodes\n$Elements\n7\n" + lines + triangles + b"\n$EndElements\n"
-    (tmp_path / "a.msh").write_bytes(data)
-    assert lengths(beam_scene(tmp_path / "a.msh", 5, 1)) == {"clamped": 2.0, "free": 4.0}
-    with pytest.raises(SceneError, match='the mesh has the region "1", which is used nowhere'):
-        beam_scene(tmp_path / "a.msh", 5, 8)
-
-
-DAMAGED = [
-    ("4.1 0 8", "4.1 0", "damaged at line 2: no version, type and size as in 4.1 0 8"),
-    ("4.1 0 8", "4.2 0 8", "this is version 4.2 of Gmsh's format; accepted: versions 4.1 and 2.2"),
-    ("1 4 1\n1 2", "1 4 1x\n1 2", r'damaged at line 38, in the section \$Elements: "x" is no number'),
-    ("2 3 6\n2 1 2 4", "2 3 6.5\n2 1 2 4", r'line 40, in the section \$Elements: "6.5" is no whole number'),
-    ("0 1 0\n1 1 0", "0 1 0\n1 1. .0 0", r"line 33, in the section \$Nodes: there is more than it announces"),
-    ("1 1 0\n2 1 0", "1 1 0\n2 - 0", r'line 33, in the section \$Nodes: "-" is no number'),
-    ("1 1 0\n2 1 0", "1 1 0\n2 1", r"line 34, in the section \$Nodes: it ends too early"),
-    ("1 6 1 6\n2", "1 7 1 6\n2", r"line 33, in the section \$Nodes: it announces 7 nodes, and 6 follow"),
-    ("3 6 1 6\n1", "3 5 1 6\n1", r"in the section \$Elements: it announces 5 elements, and 6 follow"),
-    ("2 1 0 6\n", "2 1 0 999999999999\n", r"line 21, in the section \$Nodes: it announces 999999999999 of something"),
-    ("2 1 0 6\n", "2 1 0 -6\n", r"line 21, in the section \$Nodes: it announces -6 of something"),
-    ("2 1 2 4", "2 1 99 4", r"line 41, in the section \$Elements: elements of the type 99; accepted: triangles"),
-    ("3 1 2 5", "3 1 2 50", r"a triangle has the node 50, which the file does not hold \(number 1 of its triangles\)"),
-    ("5\n6\n0 0", "5\n5\n0 0", "the file has two nodes with the number 5"),
-    ("$EndNodes\n", "", r"the section \$Nodes, which begins at line 19, has no end: the file is cut"),
-    ("$EndElements\n", "$EndElement\n", r"the section \$Elements, which begins at line 35, has no end"),
-    ("$Entities", "$Entitie", r"the section \$Entitie, which begins at line 13, has no end"),
-    ("$Entities", "Entities", r'line 13: a section such as \$Nodes should begin here, not "Entities"'),
-    ("$PhysicalNames\n3", "$PhysicalNames\n4", r"PhysicalNames: it announces 4 names, and 3 follow"),
-    ('"fixed"', '"fixed', r"line 8, in the section \$PhysicalNames: it announces 3 names, and"),
-    ("0 2 1 0\n1", "0 3 1 0\n1", r"in the section \$Entities: it"),
-    ("$MeshFormat\n4.1 0 8\n$EndMeshFormat\n", "", r"damaged at line 5: the section \$PhysicalNames comes before"),
-    ("1 1 0\n2 1 0", "1 1 0\n2 1e999 0", "the coordinates of node 6 are not finite"),
-    ("1 1 0\n2 1 0", "1 1 0\n2 1" + 100 * "0" + " 0", "is no number"),
-]
-
-
-@pytest.mark.parametrize(("old", "new", "message"), DAMAGED, ids=[row[2][:60] for row in DAMAGED])
-def test_damage_is_refused_with_its_place(old, new, message, tmp_path) -> None:
-    assert TEXT.count(old) >= 1
-    (tmp_path / "a.msh").write_text(TEXT.replace(old, new, 1))
-    with pytest.raises(SceneError, match=message):
-        beam_scene(tmp_path / "a.msh", "fixed")
 
 
 @pytest.mark.parametrize("version", [4.1, 2.2])

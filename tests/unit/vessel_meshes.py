@@ -10,6 +10,8 @@ import meshio
 import numpy as np
 import tomli_w
 
+from ffsi.scene import Scene, boundaries
+
 INNER, LUMEN, OUTER = 10.0, 13.0, 14.0  # radii in mm: the rigid inner wall, the interface, the vessel's outside
 TURN = np.pi / 3  # the angle through which the vessel bends
 LUMEN_REGION, WALL_REGION = 1, 2
@@ -97,3 +99,26 @@ def write_scene(folder: Path, table: dict[str, Any] | None = None, drawing: Draw
     path = folder / "scene.toml"
     path.write_text(tomli_w.dumps(table or scene_table()))
     return path
+
+
+def beam_scene(file: Path, clamped: str | int, region: str | int = "beam") -> Scene:
+    """Return the scene of a solid with one held side."""
+    return Scene.from_toml(
+        tomli_w.dumps(
+            {
+                "name": "beam",
+                "geometry": {
+                    "kind": "mesh",
+                    "file": str(file),
+                    "regions": {"beam": region},
+                    "boundaries": {"clamped": clamped},
+                },
+                "solid": {"beam": {"material": "neo-hookean", "density": 1, "young_modulus": 1, "poisson_ratio": 0.3}},
+            }
+        )
+    )
+
+
+def lengths(found: Scene) -> dict[str, float]:
+    """Return the lengths of the boundaries in m."""
+    return {boundary.name: round(boundary.exact_length, 9) for boundary in boundaries(found)}

@@ -97,7 +97,7 @@ class Curves:
         edges = self._find(group)
         if (edges < 0).any():
             bad = count(int((edges < 0).sum()), "line")
-            raise fault(f'of "{group.title}", {bad} of {len(edges)} are no sides of triangles', key)
+            raise fault(f"of {short(group.title)}, {bad} of {len(edges)} are no sides of triangles", key)
         return edges
 
     def _misplaced(self, key: str, name: str, edges: Ints) -> list[Problem]:

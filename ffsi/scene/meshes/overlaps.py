@@ -13,6 +13,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
+from ffsi.scene.errors import short
 from ffsi.scene.meshes.errors import MeshError, fault, place
 from ffsi.scene.meshes.topology import ON_EDGE, Topology
 
@@ -124,7 +125,9 @@ def _triangle_over(topology: Topology, point: Floats, other_than: int) -> int:
 def _overlap(topology: Topology, titles: list[str], point: Floats, first: int, second: int) -> MeshError:
     rounding = 1e-12 * np.abs(topology.points).max()
     where = place(np.where(np.abs(point) < rounding, 0.0, point), topology.unit)
-    what = " and ".join(f'one of "{titles[t]}" with the corners {topology.triangle_at(t)}' for t in (first, second))
+    what = " and ".join(
+        f"one of {short(titles[t])} with the corners {topology.triangle_at(t)}" for t in (first, second)
+    )
     accepted = "accepted: regions that cover each place once and share the nodes of their boundaries (in Gmsh: "
     return fault(f"two triangles overlap at {where}, {what}; {accepted}BooleanFragments)")
 
