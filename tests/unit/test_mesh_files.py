@@ -102,8 +102,8 @@ DAMAGED = [
     ("1 1 0\n2 1 0", "1 1 0\n2 1", r"line 34, in the section \$Nodes: it ends too early"),
     ("1 6 1 6\n2", "1 7 1 6\n2", r"line 33, in the section \$Nodes: it announces 7 nodes, and 6 follow"),
     ("3 6 1 6\n1", "3 5 1 6\n1", r"in the section \$Elements: it announces 5 elements, and 6 follow"),
-    ("2 1 0 6\n", "2 1 0 999999999999\n", r"line 21, in the section \$Nodes: it announces 999999999999 of something"),
-    ("2 1 0 6\n", "2 1 0 -6\n", r"line 21, in the section \$Nodes: it announces -6 of something"),
+    ("2 1 0 6\n", "2 1 0 999999999999\n", r"line 21, in the section \$Nodes: 999999999999 things are announced"),
+    ("2 1 0 6\n", "2 1 0 -6\n", r"line 21, in the section \$Nodes: -6 things are announced"),
     ("2 1 2 4", "2 1 99 4", r"line 41, in the section \$Elements: elements of the type 99; accepted: triangles"),
     ("3 1 2 5", "3 1 2 50", r"a triangle has the node 50, which the file does not hold \(number 1 of its triangles\)"),
     ("5\n6\n0 0", "5\n5\n0 0", "the file has two nodes with the number 5"),
@@ -116,6 +116,7 @@ DAMAGED = [
     ("0 2 1 0\n1", "0 3 1 0\n1", r"in the section \$Entities: it"),
     ("$MeshFormat\n4.1 0 8\n$EndMeshFormat\n", "", r"damaged at line 5: the section \$PhysicalNames comes before"),
     ("1 1 0\n2 1 0", "1 1 0\n2 1e999 0", "the coordinates of node 6 are not finite"),
+    ("1 1 0\n2 1 0", "1 1 0\n2e200 1 0", r"the coordinates of node 6 are beyond 1e\+100"),
     ("1 1 0\n2 1 0", "1 1 0\n2 1" + 100 * "0" + " 0", "is no number"),
 ]
 

@@ -140,7 +140,7 @@ class _Section:
 
     def _sensible(self, count: int) -> int:
         if not 0 <= count <= self.left:
-            raise self.error(f"it announces {short(count)} of something, and only {self.left} numbers follow")
+            raise self.error(f"{short(count)} things are announced, and only {self.left} numbers follow")
         return count
 
     def _take(self, count: int, kind: npt.DTypeLike) -> NDArray[Any]:

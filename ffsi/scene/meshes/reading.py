@@ -30,6 +30,8 @@ _QUADS = re.compile(r"(quad|polygon)\d*")
 _OUT_OF_RANGE = re.compile(r"index (-?\d+) is out of bounds")
 # Rotations that lay the plane with a constant coordinate into z = constant.
 _TURNS = {"x": "Rotate {{0, 1, 0}, {0, 0, 0}, Pi/2}", "y": "Rotate {{1, 0, 0}, {0, 0, 0}, -Pi/2}"}
+FAR = 1e100
+"""Larger coordinates are none: products of four of them have no value."""
 PLANE = 1e-9
 """How far the nodes may be from a plane, in sizes of the mesh."""
 
@@ -91,8 +93,10 @@ def read_mesh_file(path: Path) -> MeshFile:
     if not len(triangles):
         raise fault("the file holds no triangle")
     _refuse_strange_nodes(points, triangles, lines)
-    if not np.isfinite(points).all():
-        raise fault(f"the coordinates of node {int(np.argmin(np.isfinite(points).all(axis=1))) + 1} are not finite")
+    if not (near := (np.abs(points) < FAR).all(axis=1)).all():
+        node = int(np.argmin(near))
+        what = f"beyond {FAR:g}" if np.isfinite(points[node]).all() else "not finite"
+        raise fault(f"the coordinates of node {node + 1} are {what}")
     _refuse_third_dimension(points, triangles)
     triangles, regions = _once(triangles, groups["triangle"])
     return MeshFile(np.ascontiguousarray(points[:, :2]), triangles, lines, regions, groups["line"])
@@ -148,6 +152,8 @@ def _refuse_no_file(path: Path) -> None:
         raise fault("the file is empty")
     if not there and path.is_dir():
         raise fault("this is a folder; accepted: a file that meshio reads (.msh, .mesh, .vtu, .vtk, ...)")
+    if not there and path.exists():
+        raise fault("this is no ordinary file")
     if not there:
         siblings = sorted(other.name for other in path.parent.iterdir()) if path.parent.is_dir() else []
         guess = nearest(path.name, siblings)
