@@ -11,7 +11,7 @@ from typing import Annotated
 
 import typer
 
-from ffsi import folder, machine, measurements, show
+from ffsi import folder, machine, measurements, resolution, show
 from ffsi.exit_codes import BAD_INPUT, CHECK_FAILED, FAULT, INTERRUPTED, NO_FREEFEM, NOT_CONVERGED, TEXT, worst
 from ffsi.folder import InputError
 from ffsi.freefem import FreeFEMError
@@ -138,6 +138,8 @@ def run(
     except FreeFEMError as error:
         if json:
             sys.stdout.write(_crash_json(directory, scene.name, error))
+        for warning in resolution.of_scene(scene):
+            show.note(f"warning: {warning}")
         _say_how_to_resume(scene, directory)
         raise
     except KeyboardInterrupt:

@@ -83,6 +83,11 @@ class Result:
         return self.status == "converged"
 
     @property
+    def warnings(self) -> list[str]:
+        """What the result may lack although its equations are solved, each with the key to change."""
+        return [str(item) for item in self.data.get("warnings", [])]
+
+    @property
     def check_failures(self) -> list[str]:
         """What the reference checker objects to; empty if it passed or did not run."""
         return [str(item) for item in self.data.get("check_failures", [])]

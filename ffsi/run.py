@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from ffsi import folder, unsteady, vtu
+from ffsi import folder, resolution, unsteady, vtu
 from ffsi.evaluation import Notes, attempt, gather
 from ffsi.folder import InputError
 from ffsi.freefem import Event, FreeFEMError, Installation, find_freefem, run_script
@@ -232,6 +232,7 @@ class _Point:
             "failure": failure,
             "check_failures": [],
             "not_evaluated": [],
+            "warnings": resolution.of_scene(self.scene),
         }
         if not self.alone:
             data["varied"] = dict(self.varied)

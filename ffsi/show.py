@@ -159,7 +159,7 @@ def quantities(values: Mapping[str, float], published: Mapping[str, Reference], 
 
 
 def summary(done: Result) -> list[str]:
-    """Return the lines about Newton's method, the check, the time and the files."""
+    """Return the lines about Newton's method, the check, the time and the files, and the warnings."""
     newton, timings, check = done.data["newton"], done.data["timings"], done.data["check"]
     lines = [material_line(name, solid) for name, solid in done.scene.solid.items()]
     if newton:
@@ -171,7 +171,7 @@ def summary(done: Result) -> list[str]:
         phases = ("factorize", "solve", "jacobian", "residual", "check", "pictures")
         parts = ", ".join(f"{name} {timings[name]:.2f}" for name in phases if timings.get(name) is not None)
         lines.append(f"time: {total:.2f} s ({parts})" if parts else f"time: {total:.2f} s")
-    return [*lines, f"files: {done.directory}"]
+    return [*lines, f"files: {done.directory}", *(f"warning: {warning}" for warning in done.warnings)]
 
 
 def material_line(name: str, solid: Elastic) -> str:
@@ -240,6 +240,9 @@ def sweep(table: pd.DataFrame, keys: Sequence[str], out: Path) -> None:
         shown.add_row(*cells, _cell(line["check_maximum"], "{:.1e}"), _cell(line["seconds"], "{:.1f}"))
     console.print(shown)
     console.print(Text(printable(f"files: {out}")), soft_wrap=True)
+    for warning, count in table["warnings"].fillna("").value_counts().items():
+        if warning:
+            console.print(Text(f"warning at {count} of {len(table)} points: {warning}"), soft_wrap=True)
 
 
 def checks(reports: Sequence[tuple[Result, CheckReport]]) -> None:

@@ -150,8 +150,8 @@ def sweep(
         check: verify every point with the independent checker.
 
     Returns:
-        One row per point in the order of the product: the varied keys, `status`, `reason`, `failure`, every quantity,
-        `check_maximum`, `seconds`, `folder` and `point`.
+        One row per point in the order of the product: the varied keys, `status`, `reason`, `failure`, `warnings`, every
+        quantity, `check_maximum`, `seconds`, `folder` and `point`.
 
     Raises:
         InputError: `out` holds something else, or a sweep with another definition; or `dask` is not installed.
@@ -218,6 +218,7 @@ def row(result: Result, values: Values, directory: Path) -> dict[str, Any]:
         "status": result.status,
         "reason": result.reason,
         "failure": result.failure,
+        "warnings": "; ".join(result.warnings),
         **flatten(result.quantities),
         "check_maximum": max(checked, default=None),
         "seconds": result.data.get("timings", {}).get("total"),
@@ -263,7 +264,7 @@ class _Table:
 
     def _write(self) -> pd.DataFrame:
         known = [self.rows[at] for values in self.order if (at := tuple(values.values())) in self.rows]
-        first = [*self.keys, "status", "reason", "failure"]
+        first = [*self.keys, "status", "reason", "failure", "warnings"]
         last = ["check_maximum", "seconds", "folder", "point"]
         middle = dict.fromkeys(key for item in known for key in item if key not in (*first, *last))
         table = pd.DataFrame(known, columns=[*first, *middle, *last])

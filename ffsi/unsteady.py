@@ -11,7 +11,7 @@ from typing import Any
 
 import pandas as pd
 
-from ffsi import folder, metrics
+from ffsi import folder, metrics, resolution
 from ffsi.evaluation import Notes, attempt
 from ffsi.folder import InputError
 from ffsi.freefem import Event
@@ -146,7 +146,8 @@ def complete(data: dict[str, Any], scene: Scene, directory: Path) -> None:
     """Put what the whole computation comes to into the content of `result.json`, and write `steps.json`.
 
     The quantities become mean, amplitude and frequency over the last period; those of the last state move to
-    `time.last`. A run that was asked to stop before its end gets the failure `stopped`.
+    `time.last`. A run that was asked to stop before its end gets the failure `stopped`. `warnings` say where the steps
+    are too large.
     """
     assert scene.time is not None
     write_steps_json(directory)
@@ -166,6 +167,7 @@ def complete(data: dict[str, Any], scene: Scene, directory: Path) -> None:
     if not data["failure"] and not ended and not (data["time"]["periodic"] and scene.time.stop == "periodic"):
         data["status"], data["failure"] = "failed", STOPPED
         data["reason"] = f"stopped at t = {reached:g} s of {scene.time.end:g} s"
+    data.setdefault("warnings", []).extend(resolution.of_history(scene, history, data["time"]["energy"]))
 
 
 def with_coefficients(scene: Scene, history: pd.DataFrame) -> pd.DataFrame:

@@ -174,10 +174,13 @@ class Inflow(Table):
 
     def factor(self, t: ArrayLike) -> NDArray[np.float64]:
         """Return ramp times waveform at the times t (s, from 0), dimensionless."""
+        return np.asarray(self.ramp_factor(t) * self.waveform_factor(t))
+
+    def waveform_factor(self, t: ArrayLike) -> NDArray[np.float64]:
+        """Return the waveform alone at the times t (s, from 0), dimensionless."""
         times = np.asarray(t, dtype=np.float64)
         series = self.fourier
-        waveform = series(times) if series else self.waveform_expression.evaluate(t=times)
-        return np.asarray(self.ramp_factor(times) * waveform)
+        return series(times) if series else self.waveform_expression.evaluate(t=times)
 
 
 def _series_of_file(name: str, harmonics: int | None, period: float | None) -> dict[str, Any]:

@@ -152,6 +152,8 @@ class Scene(Table):
         for key in ("inflow", "outlet"):
             if self.fluid and getattr(self, key) is None:
                 yield Problem(key, f"missing; {type(self).model_fields[key].description}")
+        if self.outlet is not None and self.outlet.hydrostatic and self.gravity is None:
+            yield Problem("outlet.hydrostatic", "only accepted in a scene with a table gravity", "true")
         for key in ("inflow", "outlet", "forces"):
             if self.fluid is None and getattr(self, key) is not None:
                 yield Problem(key, "only accepted in a scene with a fluid")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import Field, StrictBool, model_validator
 
 from ffsi.scene.base import Table, refuse
 from ffsi.scene.errors import Problem, names, short
@@ -26,7 +26,8 @@ class Outlet(Table):
     """Natural condition at the outlet; Q is the flow rate through it in m^2/s, per metre of depth.
 
     The pressure behind the outlet is, by kind, `pressure` P; `resistance` P + R Q; `windkessel` R_p Q + p_c with
-    C dp_c/dt + (p_c - P)/R_d = Q. In time P is multiplied by the ramp of the inflow.
+    C dp_c/dt + (p_c - P)/R_d = Q. In time P is multiplied by the ramp of the inflow. With `hydrostatic`, rho g.(x - x0)
+    is added to it, the weight of fluid at rest below x0, the outlet's point against gravity's direction.
     """
 
     kind: Literal["do-nothing", "zero-traction", "pressure", "resistance", "windkessel"] = Field(
@@ -48,6 +49,12 @@ class Outlet(Table):
         None,
         description="factor beta, usually 0.2 to 1, of the traction -beta rho min(v.n, 0) v against backflow, "
         "dimensionless",
+    )
+
+    hydrostatic: StrictBool | None = Field(
+        None,
+        description="whether the pressure behind the outlet grows along gravity as in fluid at rest, from its highest "
+        "point on (true or false); needs gravity",
     )
 
     @model_validator(mode="after")

@@ -151,6 +151,12 @@ class Aneurysm(ChannelGeometry):
         return Inlet(start=(0.0, outer), inward=(-1.0, 0.0), height=outer - inner)
 
     @property
+    def outlet_points(self) -> list[tuple[float, float]]:
+        """The ends of the vessel's lower end."""
+        _, inner, outer, _ = self.radii
+        return [(-outer, 0.0), (-inner, 0.0)]
+
+    @property
     def solid_names(self) -> tuple[str, ...]:
         """The two walls."""
         return ("vessel", "dome")

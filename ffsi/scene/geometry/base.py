@@ -151,6 +151,16 @@ class ChannelGeometry(GeometryBase):
 
     @property
     @abstractmethod
+    def outlet_points(self) -> list[tuple[float, float]]:
+        """Points (x, y) of the outlet in m, the ends of a straight one."""
+
+    @property
+    def bluff(self) -> bool:
+        """Whether a body stands in the flow, from which vortices may come."""
+        return False
+
+    @property
+    @abstractmethod
     def reference_length(self) -> float:
         """Length in m that the force coefficients take by default."""
 

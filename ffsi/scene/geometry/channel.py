@@ -38,6 +38,11 @@ class Channel(ChannelGeometry):
         return Inlet(start=(0.0, 0.0), inward=(1.0, 0.0), height=self.height)
 
     @property
+    def outlet_points(self) -> list[tuple[float, float]]:
+        """The ends of the channel's right end."""
+        return [(self.length, 0.0), (self.length, self.height)]
+
+    @property
     def solid_names(self) -> tuple[str, ...]:
         """No solid."""
         return ()

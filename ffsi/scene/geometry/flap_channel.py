@@ -64,6 +64,16 @@ class FlapChannel(ChannelGeometry):
         return Inlet(start=(0.0, 0.0), inward=(1.0, 0.0), height=self.height)
 
     @property
+    def outlet_points(self) -> list[tuple[float, float]]:
+        """The ends of the channel's right end."""
+        return [(self.length, 0.0), (self.length, self.height)]
+
+    @property
+    def bluff(self) -> bool:
+        """The flap stands in the flow."""
+        return True
+
+    @property
     def solid_names(self) -> tuple[str, ...]:
         """The flap, and the roof if it is elastic."""
         return ("flap",) if self.roof is None else ("flap", "roof")

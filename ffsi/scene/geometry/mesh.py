@@ -8,11 +8,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
 
+import numpy as np
 from pydantic import Field, GetCoreSchemaHandler, PrivateAttr, ValidationInfo, field_validator, model_validator
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from ffsi.scene.base import Table, refuse
-from ffsi.scene.boundaries import SUPPORTED, Boundary
+from ffsi.scene.boundaries import OUTLET, SUPPORTED, Boundary
 from ffsi.scene.errors import Problem, join, names, number_text, short
 from ffsi.scene.geometry.base import ChannelGeometry, ElementSizes, Inlet, Physics
 from ffsi.scene.meshes import FILE, DomainMesh, MeshError, Naming, domain_mesh, stored_naming, write_medit
@@ -218,6 +219,18 @@ class MeshGeometry(ChannelGeometry):
         assert self._mesh.inlet is not None
         start, inward, height = self._mesh.inlet
         return Inlet(start, inward, height)
+
+    @property
+    def outlet_points(self) -> list[tuple[float, float]]:
+        """The vertices of the outlet."""
+        mesh = self._mesh
+        found = mesh.vertices[np.unique(mesh.edges[mesh.label == OUTLET])]
+        return [(x, y) for x, y in found.tolist()]
+
+    @property
+    def bluff(self) -> bool:
+        """Whether bodies are named."""
+        return bool(self.parts)
 
     @property
     def reference_length(self) -> float:
