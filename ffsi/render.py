@@ -75,6 +75,7 @@ class Parameter:
                 ("<=", self.limits.above, "greater than"),
                 ("<", self.limits.at_least, "at least"),
                 (">=", self.limits.below, "less than"),
+                (">", self.limits.at_most, "at most"),
             ]
         return [
             (f"{self.variable} {sign} {bound:.16g}", f"{words} {bound:g}")

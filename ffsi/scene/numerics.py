@@ -9,6 +9,8 @@ from pydantic import Field, StrictBool, model_validator
 from ffsi.scene.base import Table
 from ffsi.scene.units import Count, Duration, Length, NonNegativeNumber, PositiveNumber, Quantity
 
+LOOSEST = 1e-4
+"""Largest tolerance that is accepted: what is left of the equations must not show in a result."""
 SIZES = ("growth", "far_size", "body_size", "corner_size")
 DIVERGENCE_WEIGHTS = {"harmonic": 1.0, "linear-elastic": 16.0, "hyperelastic": 5.0}
 """`mesh_motion.divergence_weight` by kind where it is not given."""
@@ -85,7 +87,7 @@ class Solver(Table):
     """
 
     jacobian: Literal["divided-difference"] = Field("divided-difference", description="how the Jacobian is computed")
-    tolerance: Annotated[float, Quantity("1", above=0.0, below=1.0)] = Field(
+    tolerance: Annotated[float, Quantity("1", above=0.0, at_most=LOOSEST)] = Field(
         1e-10, description="largest accepted relative residual, dimensionless"
     )
     max_iterations: Annotated[int, Count(1, 1000)] = Field(
@@ -110,7 +112,7 @@ class Solver(Table):
         description='with a table time, how a step is solved: "condensed" (by the velocity alone, the default) or '
         '"newton" (all unknowns at once)',
     )
-    step_tolerance: Annotated[float, Quantity("1", above=0.0, below=1.0)] | None = Field(
+    step_tolerance: Annotated[float, Quantity("1", above=0.0, at_most=LOOSEST)] | None = Field(
         None,
         description="with a table time, largest accepted correction in a step, relative to U k (displacement), U and "
         "rho U^2, 1e-6 if absent, dimensionless",

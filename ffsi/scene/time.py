@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Literal, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, StrictBool, model_validator
 
 from ffsi.scene.base import Table, refuse
 from ffsi.scene.errors import Problem, number_text, short
-from ffsi.scene.units import Duration, PositiveNumber, Rate
+from ffsi.scene.units import Duration, Quantity, Rate
 
 SMALLEST_STEP = 1e-3
 """What `time.smallest_step` is where it is not given, as a part of `time.step`."""
@@ -38,7 +38,7 @@ class Time(Table):
     smallest_step: Duration | None = Field(
         None, description="smallest step (adaptive only; a thousandth of step if absent), s"
     )
-    error: PositiveNumber = Field(
+    error: Annotated[float, Quantity("1", above=0.0, at_most=0.1)] = Field(
         1e-3, description="accepted local error of a step, relative, adaptive only, dimensionless"
     )
     output_interval: Duration | None = Field(
