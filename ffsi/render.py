@@ -159,6 +159,7 @@ def _environment() -> Environment:
 def _context(scene: Scene, mumps: bool) -> dict[str, Any]:
     fluid, fsi = scene.fluid is not None, scene.physics == "fsi"
     numbers = parameters(scene)
+    pressed = scene.outlet is not None and scene.outlet.has_pressure
     slots, n_slots = weakform.fluid_slots(scene)
     components = weakform.components(scene)
     outline = boundaries(scene)
@@ -207,8 +208,12 @@ def _context(scene: Scene, mumps: bool) -> dict[str, Any]:
         "inflow_profile": scene.inflow.expression.to_freefem({"y": "inletS"}) if scene.inflow else "",
         "hyperelastic_motion": weakform.hyperelastic_motion(scene),
         "do_nothing": scene.outlet is not None and scene.outlet.kind != "zero-traction",
-        "outlet_pressure": scene.outlet is not None and scene.outlet.has_pressure,
+        "outlet_pressure": pressed,
+        # Between rigid walls a constant pressure does no work: the flow is solved without it, and it is added to what is written.
+        "pressure_level": pressed and not scene.solid,
+        "outlet_load": pressed and bool(scene.solid),
         "outlet_resistance": scene.outlet is not None and scene.outlet.kind in ("resistance", "windkessel"),
+        "hydrostatic": scene.outlet is not None and bool(getattr(scene.outlet, "hydrostatic", False)),
         "windkessel": scene.outlet is not None and scene.outlet.kind == "windkessel" and scene.time is not None,
         "backflow": scene.outlet is not None and scene.outlet.backflow is not None,
         "momentum": weakform.momentum(scene),

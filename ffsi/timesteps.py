@@ -21,6 +21,7 @@ logger = logging.getLogger(__name__)
 CHECKPOINT_VERSION = 3
 _STATES, _PER_FACTORS = 4, 3  # arrays of the last states, and for each set of kept factors
 _WALL = 4  # arrays of the wall shear stress, where it is summed
+_KEPT = 5  # arrays of the ordinary steps that are kept for the check
 _SAME = 1e-9
 _WINDKESSEL = ("windkessel_old", "windkessel_new")
 
@@ -115,7 +116,9 @@ def read_saved_steps(directory: Path) -> list[SavedStep]:
             )  # fmt: skip
         except (KeyError, ValueError) as error:
             raise InputError(f"{path} is damaged: {error}") from error
-    return [step for step in found if (directory / step.old).is_file() and (directory / step.new).is_file()]
+    # Ordinary steps stand behind the others, and once more after a run that went on.
+    steps = sorted({step.step: step for step in found}.values(), key=lambda step: step.step)
+    return [step for step in steps if (directory / step.old).is_file() and (directory / step.new).is_file()]
 
 
 def write_steps_json(directory: Path) -> None:
@@ -188,7 +191,7 @@ def _read_checkpoint(path: Path) -> Checkpoint | None:
     whole = (
         len(head) > 5
         and int(head[0]) == CHECKPOINT_VERSION
-        and len(arrays) - _STATES - _PER_FACTORS * int(head[5]) in (0, _WALL)
+        and len(arrays) - _STATES - _PER_FACTORS * int(head[5]) - _KEPT in (0, _WALL)
         and mark.tolist() == [int(head[1])]
         and all(len(state) == int(head[2]) and bool(np.isfinite(state).all()) for state in states)
     )
