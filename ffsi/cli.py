@@ -12,6 +12,7 @@ from typing import Annotated
 import typer
 
 from ffsi import folder, machine, measurements, resolution, show
+from ffsi.evaluation import words
 from ffsi.exit_codes import BAD_INPUT, CHECK_FAILED, FAULT, INTERRUPTED, NO_FREEFEM, NOT_CONVERGED, TEXT, worst
 from ffsi.folder import InputError
 from ffsi.freefem import FreeFEMError
@@ -251,6 +252,10 @@ def sweep(
         if name:
             count = int((table["failure"] == name).sum())
             show.error(f"{count} of {len(table)} points: {name}; see the column reason of {out / study.TABLE}")
+    if "not_evaluated" in table:
+        for text in table["not_evaluated"].dropna().unique():
+            show.error(f"not evaluated: {text}")
+        failures.append("not-evaluated")
     raise typer.Exit(worst(failures))
 
 
@@ -356,7 +361,7 @@ def _finish(results: Sequence[Result], directory: Path) -> None:
         if not result.converged:
             show.error(f"{result.reason}; what there is lies in {directory}")
         for note in result.not_evaluated:
-            show.error(f"not evaluated: {note['what']}: {note['why']}")
+            show.error(f"not evaluated: {words(note)}")
     raise typer.Exit(worst([result.failure or ("not-evaluated" if result.not_evaluated else "") for result in results]))
 
 

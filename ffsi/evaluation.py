@@ -38,6 +38,11 @@ def gather(notes: Notes, evaluations: Mapping[str, Callable[[], Mapping[str, T]]
     return found
 
 
+def words(note: Mapping[str, str]) -> str:
+    """Return a note in one line."""
+    return f"{note['what']}: {note['why']}"
+
+
 def _note(notes: Notes, what: str, why: str) -> None:
     if (note := {"what": what, "why": why}) not in notes:
         notes.append(note)

@@ -28,6 +28,14 @@ from ffsi.text import cut, printable
 if TYPE_CHECKING:
     from ffsi.reference import CheckReport
 
+# What became of a point, by its `failure`.
+OUTCOMES = {
+    "check": "failed the check",
+    "crash": "FreeFEM died",
+    "not-reached": "not reached",
+    "not-converged": "not converged",
+    "stopped": "stopped before its end",
+}
 # Quantities that only help to diagnose; they are in result.json.
 MINOR = ("_surface", "_x", "_y", "drag_cylinder", "lift_cylinder", "drag_beam", "lift_beam")
 
@@ -126,11 +134,12 @@ def result(done: Result) -> None:
     """Print quantities beside published values, Newton, check and where the files are."""
     console = _out()
     data = done.data
-    style = "green" if done.converged else "red"
+    unchecked = done.converged and not is_checked(data)
+    style = "red" if not done.converged else "yellow" if unchecked else "green"
     size = (
         f"level {data.get('level')}, {data.get('triangles') or '?'} triangles, {data.get('unknowns') or '?'} unknowns"
     )
-    console.print(text(data["case"], "bold"), text(done.status, style), text(f"({size})"))
+    console.print(text(data["case"], "bold"), text(done.status + ", not checked" * unchecked, style), text(f"({size})"))
     when, values = done.shown_quantities
     if values:
         published = {} if when.startswith("at") else references_for(done.scene)
@@ -156,6 +165,11 @@ def quantities(values: Mapping[str, float], published: Mapping[str, Reference], 
             cells += [f"{found[0]:.7g}", f"{100 * (value - found[0]) / abs(found[0]):+.3f} %"]
         table.add_row(*map(text, cells))
     return table
+
+
+def is_checked(data: Mapping[str, Any]) -> bool:
+    """Return whether the checker has passed the point whose `result.json` this is."""
+    return bool(data.get("checked", data["check"] and not data.get("check_failures")))
 
 
 def summary(done: Result) -> list[str]:
@@ -220,7 +234,7 @@ def check_line(check: Mapping[str, Any], failures: Sequence[str]) -> str:
     numbers = {name: value for name, value in check.items() if isinstance(value, (int, float))}
     if not numbers:
         return "check: not done" if not failures else "check: FAILED"
-    worst = max(numbers, key=lambda name: numbers[name])
+    worst = max(numbers, key=lambda name: math.inf if math.isnan(numbers[name]) else numbers[name])
     return f"check: {'FAILED' if failures else 'passed'}, the largest is {worst} with {numbers[worst]:.1e}"
 
 
@@ -239,10 +253,33 @@ def sweep(table: pd.DataFrame, keys: Sequence[str], out: Path) -> None:
         cells += [_cell(line[name], "{:.6g}") for name in names]
         shown.add_row(*cells, _cell(line["check_maximum"], "{:.1e}"), _cell(line["seconds"], "{:.1f}"))
     console.print(shown)
+    console.print(Text(tally(table)[0]), soft_wrap=True)
     console.print(Text(printable(f"files: {out}")), soft_wrap=True)
     for warning, count in table["warnings"].fillna("").value_counts().items():
         if warning:
             console.print(Text(f"warning at {count} of {len(table)} points: {warning}"), soft_wrap=True)
+
+
+def tally(table: pd.DataFrame, planned: int = 0) -> tuple[str, bool]:
+    """Return how many points of a sweep's table are solved and checked, and what of the others; and whether all are.
+
+    Args:
+        table: one row per point that has ended (`sweep.csv`).
+        planned: number of the sweep's points, if it is known.
+    """
+    checked = table["checked"].eq(True) if "checked" in table else table["check_maximum"].notna()
+    found: dict[str, int] = {}
+    for status, failure, passed in zip(table["status"], table["failure"], checked, strict=True):
+        solved = "" if passed else "solved, not checked"
+        words = solved if status == "converged" else OUTCOMES.get(failure, "not converged")
+        found[words] = found.get(words, 0) + 1
+    good, count = found.pop("", 0), max(planned, len(table))
+    if good == count:
+        return f"all {count} points solved and checked", True
+    if count > len(table):
+        found["not computed"] = count - len(table)
+    others = [f"{number} {words}" for words, number in found.items()]
+    return "; ".join([f"{good} of {count} points solved and checked", *others]), False
 
 
 def checks(reports: Sequence[tuple[Result, CheckReport]]) -> None:

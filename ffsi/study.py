@@ -19,6 +19,7 @@ import pandas as pd
 import tomli_w
 
 from ffsi import folder, unsteady
+from ffsi.evaluation import words
 from ffsi.folder import InputError
 from ffsi.freefem import find_freefem, stop_all
 from ffsi.render import is_runtime_parameter
@@ -221,6 +222,7 @@ def row(result: Result, values: Values, directory: Path) -> dict[str, Any]:
         "warnings": "; ".join(result.warnings),
         **flatten(result.quantities),
         "check_maximum": max(checked, default=None),
+        **({"not_evaluated": "; ".join(map(words, result.not_evaluated))} if result.not_evaluated else {}),
         "seconds": result.data.get("timings", {}).get("total"),
         "folder": os.path.relpath(result.directory, directory),
         "point": result.point,

@@ -20,11 +20,6 @@ _WALLS = ("effective_stress_max", "dome_displacement_max")
 _FORM = ".4g"
 
 
-def pictures(result: Result) -> list[tuple[Figure, str]]:
-    """Return the figures, each with its caption: curves along the walls, effective stress in an aneurysm's walls."""
-    return [*_curves(result), *_stress(result)]
-
-
 def _curves(result: Result) -> list[tuple[Figure, str]]:
     table = result.wall
     if table is None or table.empty:
@@ -62,6 +57,10 @@ def _stress(result: Result) -> list[tuple[Figure, str]]:
         "largest value away from corners and clamped faces, where the stress is singular."
     )
     return [(figure, text)]
+
+
+PICTURES = {"curves along the walls": _curves, "picture of the effective stress": _stress}
+"""Functions that return figures of a result, each with its caption, by what they are in words."""
 
 
 # Tables -------------------------------------------------------------------------------------------------------------

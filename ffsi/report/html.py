@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import base64
 import datetime
+import math
+import tomllib
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib.resources import files
@@ -15,13 +18,14 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from ffsi import folder
+from ffsi.evaluation import Notes, attempt, words
 from ffsi.folder import InputError
 from ffsi.references import references_for
 from ffsi.render import package_version
 from ffsi.report import blood, curves, figures, formulas
 from ffsi.report.tables import Rows, cell, with_unit
 from ffsi.result import Result, flatten, load_result, load_results, published_value, unit
-from ffsi.show import time_line
+from ffsi.show import OUTCOMES, is_checked, tally, time_line
 from ffsi.unsteady import last_period, with_coefficients
 
 CAPTIONS = {
@@ -47,6 +51,7 @@ class Section:
     good: bool
     size: str = ""
     reason: str = ""
+    warnings: list[str] = field(default_factory=list)
     quantities_title: str = "Quantities"
     quantities: Rows | None = None
     domain: Rows | None = None
@@ -102,7 +107,7 @@ def _run(result: Result) -> Section:
         title=result.title,
         description=result.scene.description,
         status=_status(result),
-        good=result.converged,
+        good=result.converged and is_checked(data) and not result.not_evaluated,
         size=_size(data),
         reason=result.reason,
         quantities=_quantities(result),
@@ -115,18 +120,39 @@ def _run(result: Result) -> Section:
         remarks=_formulas(result),
         solid_remark=formulas.solid_remark(result),
     )
+    notes = result.not_evaluated
     if result.state_file is not None:
-        section.pictures = [_image(result.picture(name), CAPTIONS[name]) for name in figures.available(result.fields)]
-        section.walls = [_image(figure, caption) for figure, caption in blood.pictures(result)]
+        section.pictures = attempt(notes, "pictures", lambda: _pictures(result, notes)) or []
+        for what, make in blood.PICTURES.items():
+            section.walls += attempt(notes, what, lambda make=make: [_image(*each) for each in make(result)]) or []  # type: ignore[misc]
         section.wall_tables = _wall_tables(result)
     if result.scene.time is not None:
-        section.curves = _in_time(result)
+        section.curves = attempt(notes, "curves over time", lambda: _in_time(result)) or []
         section.quantities_title = f"Quantities {result.shown_quantities[0]}"
-    elif (result.directory / folder.HISTORY).is_file() and (
-        history := curves.newton_history(result.history)
-    ) is not None:
-        section.newton = [_image(history, _newton_text(data))]
+    elif (result.directory / folder.HISTORY).is_file():
+        section.newton = attempt(notes, "Newton's history", lambda: _newton(result)) or []
+    section.warnings = _warnings(data, notes)
     return section
+
+
+def _warnings(data: Mapping[str, Any], notes: Notes) -> list[str]:
+    """Return what the program warned of, and what could not be evaluated, now or after the run."""
+    missing = [f"not evaluated: {words(note)}" for note in notes]
+    return [*map(str, data.get("warnings") or []), *missing]
+
+
+def _pictures(result: Result, notes: Notes) -> list[dict[str, str]]:
+    def image(name: str) -> dict[str, str]:
+        return _image(result.picture(name), CAPTIONS[name])
+
+    names = figures.available(result.fields)
+    found = [attempt(notes, f"picture of the {name}", lambda name=name: image(name)) for name in names]  # type: ignore[misc]
+    return [each for each in found if each is not None]
+
+
+def _newton(result: Result) -> list[dict[str, str]]:
+    figure = curves.newton_history(result.history)
+    return [] if figure is None else [_image(figure, _newton_text(result.data))]
 
 
 def _wall_tables(result: Result) -> list[tuple[str, Rows]]:
@@ -155,20 +181,17 @@ def _sweep(directory: Path) -> Section:
     results = load_results(directory)
     keys = list((results[-1].data.get("varied") or {}).keys())
     table = _table(directory, results, keys)
-    solved = [result for result in results if result.solved]
-    last = max(solved or results, key=lambda result: tuple(result.data["varied"].values()))
+    shown = [result for result in results if result.converged] or [result for result in results if result.solved]
+    last = max(shown or results, key=lambda result: tuple(result.data["varied"].values()))
     section = _run(last)
-    failed = int((table["status"] != "converged").sum())
     section.title = f"{last.scene.name}, sweep over {', '.join(keys)}"
-    section.status = (
-        f"{len(table) - failed} of {len(table)} points solved and checked"
-        if failed
-        else f"all {len(table)} points solved and checked"
-    )
-    section.good, section.reason = (
-        failed == 0,
-        "; ".join(dict.fromkeys(str(text) for text in table["reason"].dropna() if text)),
-    )
+    section.status, section.good = tally(table, _planned(directory))
+    section.good &= not any(result.not_evaluated for result in results)
+    section.reason = "; ".join(dict.fromkeys(str(text) for text in table["reason"].dropna() if text))
+    of_points = [text for result in results for text in _warnings(result.data, result.not_evaluated)]
+    section.warnings = [f"{text} ({count} of {len(results)} points)" for text, count in Counter(of_points).items()] + [
+        text for text in section.warnings if text not in of_points
+    ]
     section.points = _points(table, keys)
     section.quantities_title += " of the point in the pictures: " + ", ".join(
         f"{key} = {value:g}" for key, value in last.data["varied"].items()
@@ -177,6 +200,15 @@ def _sweep(directory: Path) -> Section:
     if figure is not None:
         section.curves = [_image(figure, "Over the sweep; every marker is one computed point."), *section.curves]
     return section
+
+
+def _planned(directory: Path) -> int:
+    """Return the number of points that a sweep was to have."""
+    try:
+        vary = tomllib.loads((directory / folder.SWEEP).read_text(encoding="utf-8")).get("vary", {})
+    except ValueError as error:
+        raise InputError(f"{directory / folder.SWEEP} is damaged: {error}") from error
+    return math.prod(len(values) for values in vary.values())
 
 
 def _table(directory: Path, results: Sequence[Result], keys: Sequence[str]) -> pd.DataFrame:
@@ -191,14 +223,16 @@ def _table(directory: Path, results: Sequence[Result], keys: Sequence[str]) -> p
 
 
 def _points(table: pd.DataFrame, keys: Sequence[str]) -> Rows:
-    wanted = [*keys, "status", "drag", "lift", "drag_coefficient", "lift_coefficient", "tip_ux", "tip_uy"]
+    wanted = [*keys, "status", "checked", "drag", "lift", "drag_coefficient", "lift_coefficient", "tip_ux", "tip_uy"]
     wanted += ["roof_ux", "roof_uy"]
     jacobians = [str(name) for name in table if str(name).startswith("min_jacobian")]
     wanted += [*(name for name in jacobians if not name.endswith(("_x", "_y"))), "check_maximum", "seconds"]
+    wanted += [*(str(name) for name in table if str(name).startswith("reached_")), "warnings", "not_evaluated"]
     columns = [name for name in dict.fromkeys(wanted) if name in table and table[name].notna().any()]
     forms = {"check_maximum": ".1e", "seconds": ".1f"}
     body = [[cell(line[name], forms.get(name, ".6g")) for name in columns] for _, line in table.iterrows()]
-    return Rows([_head(name) for name in columns], body, [name != "status" for name in columns])
+    words = ("status", "checked", "warnings", "not_evaluated")
+    return Rows([_head(name) for name in columns], body, [name not in words for name in columns])
 
 
 def _quantities(result: Result) -> Rows | None:
@@ -276,10 +310,8 @@ def _formulas(result: Result) -> list[formulas.Remark]:
 
 def _status(result: Result) -> str:
     if result.converged:
-        return "solved and checked" if result.data["check"] else "solved, not checked"
-    return {"check": "the check failed", "crash": "FreeFEM died", "not-reached": "not reached"}.get(
-        result.failure, "not converged"
-    )
+        return "solved and checked" if is_checked(result.data) else "solved, not checked"
+    return OUTCOMES.get(result.failure, "not converged")
 
 
 def _size(data: Mapping[str, Any]) -> str:

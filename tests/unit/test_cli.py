@@ -117,6 +117,13 @@ def test_json_is_alone_on_stdout(capsys, freefem, check):
     assert json.loads(out) == json.loads(Path("there/result.json").read_text())
 
 
+def test_an_unchecked_run_or_sweep_says_so(capsys, freefem, check):
+    code, out, _ = call(capsys, "run", "flap-svk", *LEVEL, "--no-check")
+    assert (code, "converged, not checked" in out, "check: not done" in out) == (0, True, True)
+    _, out, _ = call(capsys, *SWEEP, *LEVEL, "--vary", "inflow.mean_velocity=0.01,0.02", "--no-check")
+    assert "0 of 2 points solved and checked; 2 solved, not checked" in out
+
+
 def test_no_check_skips_the_checker(capsys, freefem, check):
     code, out, _ = call(capsys, "run", "flap-svk", *LEVEL, "--no-check")
     assert (code, check.calls) == (0, [])

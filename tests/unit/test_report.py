@@ -13,11 +13,11 @@ from matplotlib.quiver import Quiver
 from PIL import Image
 from run_folders import FakeCheck, FakeFreeFEM, exact, given_state, make_run, structured_mesh
 
-from ffsi import run, study
+from ffsi import run, show, study
 from ffsi.fields import Fields
 from ffsi.folder import InputError
 from ffsi.report import curves, figures, formulas, write_report
-from ffsi.result import load_result
+from ffsi.result import Result, load_result
 from ffsi.scene import load_scene
 
 KEY = "inflow.mean_velocity"
@@ -314,10 +314,76 @@ def test_report_of_a_sweep(tmp_path, monkeypatch):
     write_report([tmp_path / "sweep"], tmp_path / "report.html")
     html = (tmp_path / "report.html").read_text()
     assert "flap-svk, sweep over inflow.mean_velocity" in html
-    assert "2 of 3 points solved and checked" in html
+    assert "2 of 3 points solved and checked; 1 not converged" in html
     assert "J too small" in html
     assert "inflow.mean_velocity = 0.02" in html
     assert html.count("data:image/png;base64,") == 5
+
+
+def test_only_what_was_checked_is_called_so(tmp_path, freefem, check):
+    """In the heading, in the table and in the colour of a sweep and of a run."""
+    scene = load_scene("flap-svk", ["mesh.level=0"])
+    study.sweep(scene, {KEY: [0.01, 0.02]}, tmp_path / "all")
+    study.sweep(scene, {KEY: [0.01, 0.02]}, tmp_path / "none", check=False)
+    check.wrong = 0.02
+    study.sweep(scene, {KEY: [0.01, 0.02, 0.03]}, tmp_path / "one")
+    (tmp_path / "one" / "chain-001" / "result-0003.json").unlink()
+    (tmp_path / "one" / "sweep.csv").unlink()
+    for name, words, good in (
+        ("all", "all 2 points solved and checked", True),
+        ("none", "0 of 2 points solved and checked; 2 solved, not checked", False),
+        ("one", "1 of 3 points solved and checked; 1 failed the check; 1 not computed", False),
+    ):
+        write_report([tmp_path / name], tmp_path / "report.html")
+        html = (tmp_path / "report.html").read_text()
+        assert f'<span class="status {"good" if good else "bad"}">{words}</span>' in html
+    run.solve(scene, tmp_path / "run", check=False)
+    write_report([tmp_path / "run"], tmp_path / "report.html")
+    assert '<span class="status bad">solved, not checked</span>' in (tmp_path / "report.html").read_text()
+
+
+@pytest.mark.parametrize(
+    ("failures", "checked", "words"),
+    [
+        (["", "", ""], [True, True, True], "all 3 points solved and checked"),
+        (["", None, ""], [True, False, True], "2 of 3 points solved and checked; 1 solved, not checked"),
+        (["crash", "check", "stopped"], [False] * 3,
+         "0 of 3 points solved and checked; 1 FreeFEM died; 1 failed the check; 1 stopped before its end"),
+    ],
+)  # fmt: skip
+def test_a_tally_takes_the_table_s_word(failures, checked, words):
+    status = ["failed" if failure else "converged" for failure in failures]
+    table = pd.DataFrame({"status": status, "failure": failures, "checked": checked, "check_maximum": 1e-12})
+    assert show.tally(table) == (words, "all" in words)
+    assert show.tally(table, 5)[0].endswith("; 2 not computed")
+
+
+def test_warnings_and_what_could_not_be_evaluated_stand_in_the_report(tmp_path, monkeypatch):
+    notes = [{"what": "effective stress", "why": "no <law>"}]
+    folder = make_run(tmp_path / "run", warnings=["time.step is long"], not_evaluated=notes)
+    pictures = Result.picture
+    monkeypatch.setattr(Result, "picture", lambda self, name: pictures(self, name if name == "pressure" else "none"))
+    write_report([folder], tmp_path / "report.html")
+    html = (tmp_path / "report.html").read_text()
+    first = html.index("<section"), html.index("<figure")
+    for text in ("time.step is long", "not evaluated: effective stress: no &lt;law&gt;",
+                 "not evaluated: picture of the velocity: no picture"):  # fmt: skip
+        assert first[0] < html.index(text) < first[1]
+    assert html.count("data:image/png;base64,") == 2  # the pressure and Newton's history
+    assert 'class="status bad">solved and checked' in html
+
+
+def test_warnings_of_a_sweep_are_counted(tmp_path, freefem, check, monkeypatch):
+    monkeypatch.setattr(figures, "draw", lambda *_, **__: 1 / 0)
+    scene = load_scene("flap-svk", ["mesh.level=0"])
+    table = study.sweep(scene, {KEY: [0.01, 0.02]}, tmp_path / "sweep")
+    assert table["status"].tolist() == ["converged"] * 2
+    assert table["not_evaluated"].str.count("division by zero").tolist()[1] == 3  # the point that is drawn
+    monkeypatch.undo()
+    write_report([tmp_path / "sweep"], tmp_path / "report.html")
+    html = (tmp_path / "report.html").read_text()
+    assert "not evaluated: picture of the pressure: division by zero (1 of 2 points)" in html
+    assert '<span class="status bad">all 2 points solved and checked</span>' in html
 
 
 def test_report_needs_results(tmp_path):

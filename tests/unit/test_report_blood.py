@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from matplotlib.figure import Figure
 from run_folders import make_run
 from test_hemodynamics import channel, poiseuille, state
 
@@ -65,6 +66,10 @@ def report(tmp_path: Path, run: Path) -> str:
     return (tmp_path / "report.html").read_text()
 
 
+def pictures(result: Result) -> list[tuple[Figure, str]]:
+    return [each for make in blood.PICTURES.values() for each in make(result)]
+
+
 def rows(text: str, heading: str) -> list[list[str]]:
     """Return the cells of the table below a heading."""
     table = re.search(rf"<h3>{re.escape(heading)}</h3>.*?</table>", text, re.DOTALL)
@@ -104,7 +109,7 @@ def test_cycles(tmp_path: Path) -> None:
 
 
 def test_each_line_of_the_walls_has_a_curve(tmp_path: Path) -> None:
-    ((figure, _),) = blood.pictures(load_result(vessel(tmp_path / "run")))
+    ((figure, _),) = pictures(load_result(vessel(tmp_path / "run")))
     stress, pressure = figure.axes
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["0: walls", "1: walls"]
     assert [line.get_ydata() for line in stress.lines] == [pytest.approx(0.03)] * 2
@@ -134,7 +139,7 @@ def test_of_an_aneurysm_s_last_state_the_flow_into_the_dome() -> None:
 
 def test_other_scenes_have_nothing_of_it(tmp_path: Path) -> None:
     result = load_result(make_run(tmp_path / "run"))
-    assert (blood.pictures(result), blood.part_table(result), blood.cycle_table(result)) == ([], None, None)
+    assert (pictures(result), blood.part_table(result), blood.cycle_table(result)) == ([], None, None)
 
 
 def test_words_among_the_parameters(tmp_path: Path) -> None:
