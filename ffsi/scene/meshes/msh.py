@@ -338,9 +338,11 @@ class _File:
         read = self._elements_41 if self.version > 4 else self._elements_2
         nodes: dict[str, list[Ints]] = {}
         groups: dict[tuple[int, int], list[Ints]] = {}
+        total: dict[str, int] = {}
         for kind, block, members in read(section):
-            first = sum(len(before) for before in nodes.setdefault(kind, []))
-            nodes[kind].append(block)
+            nodes.setdefault(kind, []).append(block)
+            first = total.get(kind, 0)
+            total[kind] = first + len(block)
             for number, cells in members.items() if kind in _DIMENSION else ():
                 groups.setdefault((_DIMENSION[kind], number), []).append(first + cells)
         section.finish()
@@ -365,31 +367,32 @@ class _File:
         """Read elements, which all have a number; in binary files several of one type can follow one header."""
         left = section.count()
         begin = section.at
-        values = section.ints(section.left).tolist()
-        rows: dict[str, list[list[int]]] = {}
-        at = 0
+        values = section.ints(section.left)
+        at, run = 0, 1
         while left > 0:
+            section.at = begin + (at + 3) * (4 if self.order else 1)
             if at + 3 > len(values):
                 raise section.fault("it ends too early", section.end)
-            first, second, tags = values[at : at + 3]
-            at += 3
-            section.at = begin + at * (4 if self.order else 1)
-            code, count, own = (first, second, 1) if self.order else (second, 1, 0)
-            kind, width = self._type(section, code)
-            step = own + tags + width
-            if not (tags >= 0 and 1 <= count <= left and at + count * step <= len(values)):
+            first, second, tags = values[at : at + 3].tolist()
+            kind, width = self._type(section, first if self.order else second)
+            single = not self.order or second == 1  # every element has a header of its own
+            head, own = (0, 4 if self.order else 3) if single else (3, 1)  # numbers before all, and before one's tags
+            step = max(own + tags + width, 1)
+            count = min(left, 2 * run, (len(values) - at) // step) if single else second
+            if not (tags >= 0 and 1 <= count <= left and at + head + count * step <= len(values)):
                 raise section.error("an element has more tags or nodes than follow")
-            for end in range(at + step, at + count * step + 1, step):
-                number = abs(values[end - width - tags]) if tags else 0
-                rows.setdefault(kind, []).append([number, *values[end - width : end]])
-            at += count * step
-            left -= count
-        section.at = begin + at * (4 if self.order else 1)
-        for kind, found in rows.items():
-            elements = np.array(found, dtype=np.int64)
-            physical, nodes = elements[:, 0], elements[:, 1:]
+            rows = values[at + head : at + head + count * step].reshape(count, step)
+            if single:  # as many as have the same header
+                columns = slice(0, 3) if self.order else slice(1, 3)
+                same = (rows[:, columns] == rows[0, columns]).all(axis=1)
+                rows = rows[: len(rows) if same.all() else int(np.argmin(same))]
+            physical = np.abs(rows[:, own]) if tags else np.zeros(len(rows), dtype=np.int64)
             numbers = np.unique(physical[physical > 0]).tolist()  # 0 is the mark of an element without a group
-            yield kind, nodes, {number: np.flatnonzero(physical == number) for number in numbers}
+            yield kind, rows[:, own + tags :], {number: np.flatnonzero(physical == number) for number in numbers}
+            run = len(rows)
+            at += head + run * step
+            left -= run
+        section.at = begin + at * (4 if self.order else 1)
 
     def _type(self, section: _Section, code: int) -> tuple[str, int]:
         if code not in _TYPES:

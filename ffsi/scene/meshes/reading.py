@@ -31,7 +31,7 @@ _OUT_OF_RANGE = re.compile(r"index (-?\d+) is out of bounds")
 # Rotations that lay the plane with a constant coordinate into z = constant.
 _TURNS = {"x": "Rotate {{0, 1, 0}, {0, 0, 0}, Pi/2}", "y": "Rotate {{1, 0, 0}, {0, 0, 0}, -Pi/2}"}
 FAR = 1e100
-"""Larger coordinates are none: products of four of them have no value."""
+"""Larger coordinates are none: products of three of them have no value."""
 PLANE = 1e-9
 """How far the nodes may be from a plane, in sizes of the mesh."""
 
