@@ -184,6 +184,14 @@ def test_regions_that_share_triangles(version, folder) -> None:
     assert twice.exact_areas() == pytest.approx({"fluid": 3.0, "wall": 0.75})
 
 
+def save_part(path: Path, version: float) -> Path:
+    """Write a partitioned mesh as one file for each part; return the first."""
+    whole = path.with_name("parts.msh")
+    before = lambda: gmsh.model.mesh.partition(2)  # noqa: E731
+    save(whole, before=before, PartitionSplitMeshFiles=1, MshFileVersion=version)
+    return whole.with_name("parts_1.msh")
+
+
 def save_quads(path: Path) -> Path:
     return save(path, before=gmsh.model.mesh.recombine)
 
@@ -197,6 +205,8 @@ REFUSED: list[tuple[Callable[[Path], Path], str]] = [
     (lambda path: save(path, ElementOrder=3, Binary=1), "Mesh.ElementOrder = 1"),
     (lambda path: save(path, ElementOrder=7), r"in the section \$Elements: elements of the type"),
     (save_quads, r"only triangles are accepted; it has \d+ quadrilaterals \(in Gmsh: no Recombine\)"),
+    (lambda path: save_part(path, 4.1), r"part of a partitioned mesh \(in Gmsh: Mesh.PartitionSplitMeshFiles = 0\)"),
+    (lambda path: save_part(path, 2.2), "the file holds one part of a partitioned mesh"),
     (lambda path: save(path, plane="xz"), r"must lie in a plane z = constant; z goes from 0 to 1.25, y is 0 everywhere "
      r"\(in Gmsh: Rotate \{\{1, 0, 0\}, \{0, 0, 0\}, -Pi/2\} \{ Surface\{:\}; \}\)"),
     (lambda path: save(path, plane="yz", MshFileVersion=2.2), r"x is 0 everywhere \(in Gmsh: Rotate \{\{0, 1, 0\}"),

@@ -181,6 +181,8 @@ class _File:
         self.found = Msh()
         self.physical: dict[tuple[int, int], Sequence[int]] = {}  # groups by dimension and tag of an entity
         self.tags = np.zeros(0, dtype=np.int64)
+        self.absent: set[int] = set()  # pieces of partitioned surfaces without triangles (4.1)
+        self.partitions: set[int] = set()  # of triangles (2)
 
     def place(self, offset: int) -> str:
         if self.order:
@@ -211,6 +213,8 @@ class _File:
         for name in ("MeshFormat", "Nodes", "Elements"):
             if name not in seen:
                 raise fault("the file holds no elements" if name == "Elements" else f"the file has no section ${name}")
+        if self.absent or len(self.partitions) == 1:
+            raise fault("the file holds one part of a partitioned mesh (in Gmsh: Mesh.PartitionSplitMeshFiles = 0)")
         self._number_nodes()
         return self.found
 
@@ -290,6 +294,8 @@ class _File:
                 if dimension:
                     section.ints(section.size())
                 self.physical[dimension, tag] = np.unique(np.abs(groups)).tolist()
+                if partitioned and dimension == 2 and groups.size:
+                    self.absent.add(tag)
         section.finish()
 
     # Nodes -----------------------------------------------------------------------------------------------------------
@@ -357,6 +363,7 @@ class _File:
             dimension, entity, code = section.ints(3).tolist()
             kind, width = self._type(section, code)
             count = section.size()
+            self.absent -= {entity} if dimension == 2 and count else set()
             rows = section.sizes(count * (width + 1)).reshape(count, width + 1)
             yield kind, rows[:, 1:], dict.fromkeys(self.physical.get((dimension, entity), ()), np.arange(count))
             found += count
@@ -387,6 +394,8 @@ class _File:
                 same = (rows[:, columns] == rows[0, columns]).all(axis=1)
                 rows = rows[: len(rows) if same.all() else int(np.argmin(same))]
             physical = np.abs(rows[:, own]) if tags else np.zeros(len(rows), dtype=np.int64)
+            if kind == "triangle" and tags > 3:  # groups, entity, number of partitions, partition
+                self.partitions.update(np.unique(rows[:, own + 3]).tolist())
             numbers = np.unique(physical[physical > 0]).tolist()  # 0 is the mark of an element without a group
             yield kind, rows[:, own + tags :], {number: np.flatnonzero(physical == number) for number in numbers}
             run = len(rows)
