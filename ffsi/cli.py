@@ -274,7 +274,12 @@ def check(
     if not solved:
         show.error(f"{directory} holds no converged point, there is nothing to check")
         raise typer.Exit(NOT_CONVERGED)
-    reports = [(result, check_run(result.directory, result.scene, point=result.point)) for result in solved]
+    reports = []
+    for result in solved:
+        try:
+            reports.append((result, check_run(result.directory, result.scene, point=result.point)))
+        except ValueError as error:  # its files do not fit together: damaged, or of another scene
+            raise error if isinstance(error, InputError) else InputError(f"{result.directory}: {error}") from error
     if json:
         sys.stdout.write(
             folder.to_json({"passed": all(report.passed for _, report in reports), "points": show.check_rows(reports)})

@@ -61,8 +61,8 @@ def read_text(path: Path, at_most: int = 100 * MEGABYTE) -> str:
         raise InputError(f"{path} is no text file in UTF-8 (byte {error.start} is another)") from None
 
 
-def read_json(path: Path) -> Any:
-    """Return the content of a JSON file, of any type.
+def read_json(path: Path, *, finite: bool = True) -> Any:
+    """Return the content of a JSON file, of any type; NaN and Infinity are accepted only if not `finite`.
 
     Raises:
         InputError: as `read_text`; also for what is no JSON, a number that is none, not finite or has more than 18
@@ -72,7 +72,11 @@ def read_json(path: Path) -> Any:
     text = read_text(path)
     try:
         return json.loads(
-            text, parse_constant=_no_number, parse_float=_finite, parse_int=_whole, object_pairs_hook=_table
+            text,
+            parse_constant=_no_number if finite else float,
+            parse_float=_finite,
+            parse_int=_whole,
+            object_pairs_hook=_table,
         )
     except RecursionError:
         raise InputError(f"{path} is no valid JSON: the nesting is too deep") from None

@@ -1,6 +1,5 @@
 """Verdict on a state or a time step that another program returned: residuals, prescribed values and forces."""
 
-import json
 import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -11,6 +10,7 @@ import numpy as np
 
 from ffsi.hemodynamics import walls
 from ffsi.rawfiles import Floats, RawMesh, RawState, read_mesh, read_state
+from ffsi.reading import read_json
 from ffsi.reference.forces import Forces, compute_forces
 from ffsi.reference.from_scene import problem_from_scene, refuse_other_parameters, refuse_other_step, theta_of
 from ffsi.reference.history import History
@@ -23,6 +23,7 @@ from ffsi.reference.step import Step
 from ffsi.reference.system import Mask, System
 from ffsi.reference.wall import Passage, WallCycle, WallShear, wall_shear
 from ffsi.scene import Scene
+from ffsi.shapes import read_table, refuse_other_types
 
 TOLERANCE = 1e-8
 STEPS = "steps.json"
@@ -127,7 +128,7 @@ def check_run(directory: Path, scene: Scene, point: int = 1, tolerance: float = 
     is not that of the last step or a file does not fit, and ``OSError`` if one is missing.
     """
     directory = Path(directory)
-    outcome = json.loads((directory / f"point-{point:04d}.json").read_text(encoding="utf-8"))
+    outcome = read_table(directory / f"point-{point:04d}.json")
     refuse_other_parameters(scene, outcome.get("parameters", {}))
     mesh = read_mesh(directory / "mesh.bin")
     if scene.time is not None:
@@ -185,8 +186,8 @@ def _only(reported: Mapping[str, Any], names: Collection[str]) -> dict[str, Any]
 
 def _examine_steps(directory: Path, scene: Scene, mesh: RawMesh, last: Mapping[str, Any]) -> list[_Findings]:
     """Examine every step that the run folder lists; ``last`` are the quantities reported of the last one."""
-    entries = json.loads((directory / STEPS).read_text(encoding="utf-8"))
-    if not entries:
+    entries = read_json(directory / STEPS, finite=False)
+    if not isinstance(entries, list) or not entries:
         raise ValueError(f"{directory / STEPS}: no step is listed")
     system = System.build(problem_from_scene(scene), mesh)
     history = History.read(directory / HISTORY)
@@ -246,6 +247,7 @@ def _wall_difference(scene: Scene, mesh: RawMesh, state: RawState, own: WallShea
 
 def _read_entry(directory: Path, entry: Mapping[str, Any]) -> tuple[Step, Path, Path]:
     """Return the step of an entry of ``steps.json`` and the files of both its ends."""
+    refuse_other_types(directory / STEPS, entry)
     if missing := {"step", "time", "k", "theta", "old", "new"} - entry.keys():
         raise ValueError(f"{directory / STEPS}: an entry without {', '.join(sorted(missing))}")
     step = Step(float(entry["k"]), float(entry["theta"]), float(entry["time"]))
