@@ -270,6 +270,14 @@ def test_an_edge_written_once_for_each_number(form, data, beam, tmp_path) -> Non
         assert found.exact_areas() == {"beam": 2.0}
 
 
+def test_numbers_of_gmsh_in_another_format(beam, tmp_path) -> None:
+    """A converted file keeps the sign of a group that lists its curve reversed."""
+    cells = [("triangle", beam["triangles"]), ("line", np.array(beam["left"] + beam["right"]))]
+    data = {"gmsh:physical": [np.array([1, 1, -1, -1]), np.array([5, -5])]}
+    meshio.Mesh(beam["points"], cells, cell_data=data).write(tmp_path / "beam.vtu")
+    assert lengths(beam_scene(tmp_path / "beam.vtu", 5, 1)) == {"clamped": 2.0, "free": 4.0}
+
+
 def test_names_of_su2_and_families_of_med(beam, tmp_path, monkeypatch) -> None:
     text = "NDIME= 2\nNELEM= 4\n" + "".join(f"5 {a} {b} {c} {i}\n" for i, (a, b, c) in enumerate(beam["triangles"]))
     text += "NPOIN= 6\n" + "".join(f"{x} {y} {i}\n" for i, (x, y) in enumerate(beam["points"])) + "NMARK= 2\n"

@@ -22,8 +22,8 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 # Cell data that hold the numbers of groups, by the formats that write them.
-_KNOWN_DATA = ("gmsh:physical", "medit:ref", "su2:tag", "cell_tags")
-_GEOMETRICAL = "gmsh:geometrical"
+_GMSH, _GEOMETRICAL = "gmsh:physical", "gmsh:geometrical"
+_KNOWN_DATA = (_GMSH, "medit:ref", "su2:tag", "cell_tags")
 _DIMENSION = {"triangle": 2, "line": 1}
 _SECOND_ORDER = re.compile(r"(triangle|line)\d+")
 _QUADS = re.compile(r"(quad|polygon)\d*")
@@ -239,7 +239,7 @@ def _groups(mesh: Any, kind: str, families: dict[int, list[str]]) -> Iterator[Gr
     data = _number_data(mesh, blocks)
     if data is not None and blocks:
         numbers = np.concatenate([np.asarray(mesh.cell_data[data][block]) for block in blocks]).astype(np.int64)
-        yield from _numbered(numbers, data, families)
+        yield from _numbered(np.abs(numbers) if data == _GMSH else numbers, data, families)
     first = np.cumsum([0, *(len(mesh.cells[block].data) for block in blocks)])
     for name, members in mesh.cell_sets.items():
         parts = [np.asarray(members[block], dtype=np.int64) + first[i] for i, block in enumerate(blocks)
@@ -256,7 +256,7 @@ def _numbered(numbers: Ints, data: str, families: dict[int, list[str]]) -> Itera
         if len(cells):
             yield Group(name, None, cells)
     for number in np.unique(numbers).tolist():
-        if number not in families and not (number == 0 and data == "gmsh:physical"):  # Gmsh's mark of no group
+        if number not in families and not (number == 0 and data == _GMSH):  # Gmsh's mark of no group
             yield Group(None, number, np.flatnonzero(numbers == number))
 
 
