@@ -186,7 +186,7 @@ def energy_balance(history: pd.DataFrame) -> dict[str, float]:
 
     Kinetic is that of the last state; elastic, dissipated and work are sums over all steps, what was there at the start
     counts as work (docs/formats.md). `imbalance` is (kinetic + elastic + dissipated - work) / largest |work|,
-    dimensionless: the error of the steps in time.
+    dimensionless: the error of the steps in time, and of a flow's mesh.
     """
     parts = ("kinetic", "elastic", "dissipated", "work")
     if history.empty or not set(parts) <= set(history):
