@@ -36,7 +36,7 @@ def rates(mesh: RawMesh, state: RawState, viscosity: float) -> dict[str, float]:
         state: the unknowns.
         viscosity: of the fluid at rest, Pa s.
     """
-    into, out = -flow_rate(mesh, state, INLET), flow_rate(mesh, state, OUTLET)
+    into, out = 0.0 - flow_rate(mesh, state, INLET), flow_rate(mesh, state, OUTLET)  # not -0.0 of a rest
     height = float(wall_points(mesh, [INLET]).length.sum())
     rounding = _ROUNDING * float(np.abs(state.p).max()) * height**2 / viscosity
     scale = float(np.max([abs(into), abs(out), rounding]))  # unlike max(), it passes a NaN on
