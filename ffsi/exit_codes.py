@@ -9,8 +9,8 @@ FAULT = 70  # of ffsi itself: what a shell knows as "internal software error"
 INTERRUPTED = 130
 TEXT = (
     "Exit codes: 0 solved and checked, 1 the independent check failed or a result could not be evaluated as a whole, "
-    "2 bad input (nothing was written), 3 not converged (partial results are kept), 4 FreeFEM missing or crashed or the machine out of disk, memory or time, "
-    "70 a fault of ffsi itself, 130 interrupted."
+    "2 bad input (nothing was written), 3 not converged (partial results are kept), 4 FreeFEM missing or crashed or "
+    "the machine out of disk, memory or time, 70 a fault of ffsi itself, 130 interrupted."
 )
 EXIT_OF = {
     "": 0,
