@@ -160,8 +160,12 @@ class Result:
 
     @cached_property
     def saved_steps(self) -> list[SavedStep]:
-        """The steps of a computation in time whose fields were saved (`time.output_interval`); none if it is steady."""
-        return read_saved_steps(self.directory) if self.scene.time is not None else []
+        """The steps of a computation in time whose fields were saved (`time.output_interval`); none if it is steady.
+
+        Steps that were only saved to be checked are not among them.
+        """
+        found = read_saved_steps(self.directory) if self.scene.time is not None else []
+        return [step for step in found if step.tolerance == 0.0]
 
     def fields_of(self, step: SavedStep) -> Fields:
         """Return the fields at the end of a saved step."""

@@ -48,6 +48,8 @@ class SavedStep:
         new: name of the file with the state at its end.
         quantities: drag and lift at its end, N/m; none without a fluid.
         windkessel: pressure of the outlet's compliance at its start and at its end, Pa; None without a Windkessel.
+        tolerance: of an ordinary step, which is only to be checked, `solver.step_tolerance`; 0 where the step was
+            solved to round-off.
     """
 
     step: int
@@ -58,10 +60,13 @@ class SavedStep:
     new: str
     quantities: dict[str, float]
     windkessel: tuple[float, float] | None = None
+    tolerance: float = 0.0
 
     def as_dict(self) -> dict[str, Any]:
         """Return the entry of `steps.json`."""
-        entry = {key: value for key, value in vars(self).items() if key != "windkessel"}
+        entry = {key: value for key, value in vars(self).items() if key not in ("windkessel", "tolerance")}
+        if self.tolerance != 0.0:
+            entry["tolerance"] = self.tolerance
         return entry if self.windkessel is None else entry | dict(zip(_WINDKESSEL, self.windkessel, strict=True))
 
 
@@ -112,6 +117,7 @@ def read_saved_steps(directory: Path) -> list[SavedStep]:
                 SavedStep(
                     int(row["step"]), float(row["time"]), float(row["k"]), float(row["theta"]), str(row["old"]),
                     str(row["new"]), forces, state if len(state) == 2 else None,
+                    float(row.get("tolerance", 0.0)),
                 )
             )  # fmt: skip
         except (KeyError, ValueError) as error:

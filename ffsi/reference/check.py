@@ -14,6 +14,7 @@ from ffsi.reading import read_json
 from ffsi.reference.forces import Forces, compute_forces
 from ffsi.reference.from_scene import problem_from_scene, refuse_other_parameters, refuse_other_step, theta_of
 from ffsi.reference.history import History
+from ffsi.reference.ordinary import ALLOWED, LARGEST, Corrector
 from ffsi.reference.outlet import at_outlet, reservoirs
 from ffsi.reference.problem import Problem
 from ffsi.reference.quantities import Quantity, compare, energies, recompute
@@ -30,7 +31,9 @@ STEPS = "steps.json"
 HISTORY = "history.csv"
 POINT = "point-0001.bin"
 CYCLES = "wall-*.bin"
-QUANTITIES = "quantities_difference"
+QUANTITIES, STEP_ERROR = "quantities_difference", "step_error"
+_SAME = 1e-9
+RESIDUALS = {"momentum", "continuity", "kinematics", "mesh_motion", "incompressibility"}
 AT_OUTLET = ("flow_rate_out", "outlet_pressure")
 WINDKESSEL = ("windkessel_old", "windkessel_new")
 # What a history must have of what is known of a state.
@@ -50,6 +53,7 @@ class CheckReport:
     ``coefficient_difference``: reported against recomputed forces. ``outlet_difference``: likewise the flow rate out,
     the pressure at the outlet and that of the reservoir behind it; ``wall_difference``: the shear stress on the walls,
     and its sums over cycles; ``quantities_difference``: every other quantity. ``min_jacobian``: smallest det F.
+    ``step_error``: what ordinary steps in time lack, over their tolerance, at most ``ordinary.ALLOWED``.
     ``forces``: the recomputed forces, both forms. ``failures``: one sentence for each number above ``tolerance``.
     Of several time steps every number is the worst, and the forces are those of the last one.
     """
@@ -66,6 +70,7 @@ class CheckReport:
     outlet_difference: float | None
     wall_difference: float | None
     quantities_difference: float | None
+    step_error: float | None
     min_jacobian: float
     tolerance: float
     forces: Forces
@@ -120,12 +125,13 @@ def check_run(directory: Path, scene: Scene, point: int = 1, tolerance: float = 
 
     The scene must carry the values that the run really used. A scene in time has ``steps.json`` beside its only point:
     a list of ``{"step", "time", "k", "theta", "old", "new", "quantities"}`` where old and new name files in the format
-    of a point's state; with a Windkessel each entry has ``windkessel_old``, ``windkessel_new``, too. Where the outlet
-    has a pressure, ``history.csv`` holds it and the flow rate out for every step; ``wall-*.bin`` are sums over cycles.
-    Every quantity of the point's JSON, and in time of the rows of the checked steps in the history, is recomputed. The
-    wall shear stress of a state is what ``ffsi.hemodynamics`` makes of it. Raises ``ValueError`` where the parameters
-    in the point's JSON, or a step, are none of the scene's, no step is listed, the history has a gap, the point's state
-    is not that of the last step or a file does not fit, and ``OSError`` if one is missing.
+    of a point's state; an ordinary step, which was not solved to round-off, has its ``tolerance``, and with a
+    Windkessel each entry has ``windkessel_old``, ``windkessel_new``. ``history.csv`` has a row for every step, where
+    the outlet has a pressure with it and the flow rate out; ``wall-*.bin`` are sums over cycles. Every quantity of the
+    point's JSON, and in time of the rows of the checked steps, is recomputed. The wall shear stress of a state is what
+    ``ffsi.hemodynamics`` makes of it. Raises ``ValueError`` where the parameters in the point's JSON, or a step, are
+    none of the scene's, no step is listed, the history has a gap, the point's state is not that of the last step or a
+    file does not fit, and ``OSError`` if one is missing.
     """
     directory = Path(directory)
     outcome = read_table(directory / f"point-{point:04d}.json")
@@ -186,9 +192,11 @@ def _only(reported: Mapping[str, Any], names: Collection[str]) -> dict[str, Any]
 
 def _examine_steps(directory: Path, scene: Scene, mesh: RawMesh, last: Mapping[str, Any]) -> list[_Findings]:
     """Examine every step that the run folder lists; ``last`` are the quantities reported of the last one."""
-    entries = read_json(directory / STEPS, finite=False)
-    if not isinstance(entries, list) or not entries:
+    listed = read_json(directory / STEPS, finite=False)
+    entries = [_read_entry(directory, entry) for entry in listed] if isinstance(listed, list) else []
+    if not entries:
         raise ValueError(f"{directory / STEPS}: no step is listed")
+    entries.sort(key=lambda entry: entry.number)
     system = System.build(problem_from_scene(scene), mesh)
     history = History.read(directory / HISTORY)
     outlet = system.problem.outlet
@@ -196,16 +204,24 @@ def _examine_steps(directory: Path, scene: Scene, mesh: RawMesh, last: Mapping[s
     if outlet is not None and outlet.presses:
         stored = reservoirs(outlet, history, theta_of(scene))
     cycles = [WallCycle.read(path) for path in sorted(directory.glob(CYCLES))]
-    found, passages = [], []
+    found, passages, corrector = [], [], Corrector()
     for entry in entries:
-        step, old, new = _read_entry(directory, entry)
-        number = entry["step"]
+        step, number = entry.step, entry.number
         refuse_other_step(scene, step, number)
         history.refuse_other(number, step)
-        row, before, after = history.quantities(number), read_state(old, mesh), read_state(new, mesh)
-        place = f" in step {number} at {step.time:g} s"
+        row, before, after = history.quantities(number), read_state(entry.old, mesh), read_state(entry.new, mesh)
         stepping = system.stepping(before, step, stored[number - 1])
-        found.append(_examine(stepping, after, _reported(entry, row), place))
+        found.append(_examine(stepping, after, entry.reported(row), f" in step {number} at {step.time:g} s"))
+        accepted = scene.solver.step_tolerance or 0.0
+        if not 0.0 <= entry.tolerance <= accepted * (1.0 + _SAME):
+            text = f"step {number} was solved to {entry.tolerance!r}, solver.step_tolerance is {accepted!r}"
+            raise ValueError(f"{directory / STEPS}: {text}")
+        if entry.tolerance > 0.0:
+            # Its residuals are those of its tolerance: large, where a solid is stiff.
+            for name in RESIDUALS & found[-1].numbers.keys():
+                del found[-1].numbers[name]
+            if 4 * mesh.n_p2 <= LARGEST:
+                found[-1].numbers[STEP_ERROR] = corrector.missing(stepping, after) / entry.tolerance
         quantities = {**found[-1].quantities, **energies(stepping, after, history.before(number))}
         if outlet is not None and outlet.presses:  # which is compared as that
             row = {name: value for name, value in row.items() if name not in AT_OUTLET}
@@ -214,21 +230,17 @@ def _examine_steps(directory: Path, scene: Scene, mesh: RawMesh, last: Mapping[s
             found[-1].numbers["wall_difference"] = _wall_difference(scene, mesh, after, shear)
         if cycles and shear is not None and (start := wall_shear(system, before)) is not None:
             passages.append(Passage(step.start, step.time, start, shear))
+    if entry.tolerance > 0.0:
+        raise ValueError(f"{directory / STEPS}: the last step, {number}, was not solved to round-off")
     if number != len(history):
         raise ValueError(f"{history.path}: {len(history)} rows, but the last step is {number}")
     if not _same(after, read_state(directory / POINT, mesh)):
-        raise ValueError(f"{directory / POINT}: not the state at the end of the last step, {entry['new']}")
+        raise ValueError(f"{directory / POINT}: not the state at the end of the last step, {entry.new.name}")
     found[-1].compare(last, found[-1].quantities, found[-1].quantities.keys() - WINDKESSEL)
     for cycle in cycles:
         difference = largest([cycle.difference(passages), found[-1].numbers["wall_difference"]])
         found[-1].numbers["wall_difference"] = difference
     return found
-
-
-def _reported(entry: Mapping[str, Any], row: Mapping[str, float]) -> dict[str, Any]:
-    """What an entry of ``steps.json`` reports, and the history's row of the outlet."""
-    names = [*(name for name in AT_OUTLET if name in row), *(name for name in WINDKESSEL if name in entry)]
-    return dict(entry.get("quantities", {})) | {name: row[name] if name in row else entry[name] for name in names}
 
 
 def _same(one: RawState, other: RawState) -> bool:
@@ -245,13 +257,37 @@ def _wall_difference(scene: Scene, mesh: RawMesh, state: RawState, own: WallShea
     return own.difference(points.middle, walls.wall_shear_stress(points, state, scene.fluid))
 
 
-def _read_entry(directory: Path, entry: Mapping[str, Any]) -> tuple[Step, Path, Path]:
-    """Return the step of an entry of ``steps.json`` and the files of both its ends."""
+@dataclass(frozen=True)
+class _Entry:
+    """An entry of ``steps.json``: the step, its number, files of both its ends, its tolerance, and what it reports."""
+
+    number: int
+    step: Step
+    old: Path
+    new: Path
+    tolerance: float
+    quantities: dict[str, Any]
+
+    def reported(self, row: Mapping[str, float]) -> dict[str, Any]:
+        """What is reported of the step, with what the history's row says of the outlet."""
+        return self.quantities | {name: row[name] for name in AT_OUTLET if name in row}
+
+
+def _read_entry(directory: Path, entry: Mapping[str, Any]) -> _Entry:
     refuse_other_types(directory / STEPS, entry)
-    if missing := {"step", "time", "k", "theta", "old", "new"} - entry.keys():
-        raise ValueError(f"{directory / STEPS}: an entry without {', '.join(sorted(missing))}")
-    step = Step(float(entry["k"]), float(entry["theta"]), float(entry["time"]))
-    return step, directory / entry["old"], directory / entry["new"]
+    try:
+        if missing := {"step", "time", "k", "theta", "old", "new"} - entry.keys():
+            raise ValueError(f"an entry without {', '.join(sorted(missing))}")
+        return _Entry(
+            int(entry["step"]),
+            Step(float(entry["k"]), float(entry["theta"]), float(entry["time"])),
+            directory / entry["old"],
+            directory / entry["new"],
+            float(entry.get("tolerance", 0.0)),
+            dict(entry.get("quantities", {})) | {name: entry[name] for name in WINDKESSEL if name in entry},
+        )
+    except (ValueError, TypeError, AttributeError) as error:
+        raise ValueError(f"{directory / STEPS}: {error}") from error
 
 
 def _report(found: Sequence[_Findings], tolerance: float) -> CheckReport:
@@ -272,6 +308,7 @@ def _report(found: Sequence[_Findings], tolerance: float) -> CheckReport:
         outlet_difference=numbers.get("outlet_difference"),
         wall_difference=numbers.get("wall_difference"),
         quantities_difference=numbers.get(QUANTITIES),
+        step_error=numbers.get(STEP_ERROR),
         min_jacobian=float(np.min([each.min_jacobian for each in found])),
         tolerance=tolerance,
         forces=found[-1].forces,
@@ -340,14 +377,16 @@ def _failures(worst: Mapping[str, _Findings], inverted: _Findings, tolerance: fl
         "coefficient_difference": "relative difference between reported and recomputed force coefficients",
         "outlet_difference": "relative difference between reported and recomputed flow rate or pressure at the outlet",
         "wall_difference": "relative difference between reported and recomputed shear stress on the walls",
+        STEP_ERROR: "error of an ordinary step, relative to its tolerance,",
         QUANTITIES: "largest relative difference between a reported and a recomputed quantity",
     }
     failures = []
     forces: dict[str, Forces] = {}
     for name, found in worst.items():
-        if not (number := found.numbers[name]) <= tolerance:
+        allowed = ALLOWED if name == STEP_ERROR else tolerance
+        if not (number := found.numbers[name]) <= allowed:
             more = f" ({found.words[name]})" if name in found.words else ""
-            failures.append(f"{name}: the {words[name]} is {number:.2e}{found.place}{more}, allowed is {tolerance:.0e}")
+            failures.append(f"{name}: the {words[name]} is {number:.2e}{found.place}{more}, allowed is {allowed:.0e}")
             if name in ("drag_difference", "lift_difference", "coefficient_difference"):
                 forces[found.place] = found.forces
     for place, force in forces.items():

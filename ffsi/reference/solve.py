@@ -11,12 +11,13 @@ from typing import Literal
 
 import numpy as np
 from scipy.sparse import coo_array, csc_array, diags_array
-from scipy.sparse.linalg import splu
+from scipy.sparse.linalg import SuperLU, splu
 
 from ffsi.rawfiles import Floats, Ints, RawState
 from ffsi.reference import momentum, terms
 from ffsi.reference.conditions import Outlet, Support
 from ffsi.reference.materials import Array
+from ffsi.reference.relative import largest, norm, relative
 from ffsi.reference.residual import Residual, compute_residual
 from ffsi.reference.step import Step
 from ffsi.reference.system import FluidPart, Mask, SolidPart, System
@@ -103,15 +104,15 @@ def _newton(system: System, start: RawState, method: Method, tolerance: float, m
     residual = compute_residual(system, state)
     if not residual.min_jacobian > 0.0:
         raise ConvergenceError(f"{system.problem.name}: the start turns a triangle inside out")
-    residuals = [max(residual.relative.values())]
+    residuals = [largest(residual.relative.values())]
     corrections: list[float] = []
     steps: list[float] = []
-    while residuals[-1] > tolerance:
+    while not residuals[-1] <= tolerance:
         if len(steps) == max_iterations:
             raise ConvergenceError(f"{system.problem.name}: not converged, relative residuals {residuals}")
-        correction = _correction(system, state, residual, method)
+        correction = Factors.of(system, state, method).correct(system, state, residual)
         state, residual, step = damped_step(system, state, correction)
-        residuals.append(max(residual.relative.values()))
+        residuals.append(largest(residual.relative.values()))
         corrections.append(_relative_size(correction, state))
         steps.append(step)
     return Solution(state, residual, residuals, corrections, steps)
@@ -332,23 +333,35 @@ def _differentiate(group: _Group, method: Method) -> Floats:
     return np.stack(columns, axis=2)
 
 
-def _correction(system: System, state: RawState, residual: Residual, method: Method) -> RawState:
-    """Newton correction by a sparse LU factorisation of the equilibrated Jacobian."""
-    matrix = jacobian(system, state, method)
-    rows = 1.0 / abs(matrix).max(axis=1).toarray()
-    matrix = diags_array(rows) @ matrix
-    columns = 1.0 / abs(matrix).max(axis=0).toarray()
-    try:
-        factors = splu((matrix @ diags_array(columns)).tocsc())
-    except RuntimeError as error:
-        raise ConvergenceError(f"{system.problem.name}: the Jacobian is singular ({error})") from error
-    deviation = residual_vector(system, state, residual)
-    solution = -columns * factors.solve(rows * deviation)
-    _, given = _row_sources(system)
-    solution[given] = -deviation[given]  # prescribed values exactly, without the rounding of the elimination
-    cuts = np.cumsum([state.u.size, state.v.size, state.p.size])
-    u, v, p, ps = np.split(solution, cuts)
-    return RawState(u.reshape(-1, 2), v.reshape(-1, 2), p, ps.reshape(state.ps.shape))
+@dataclass(frozen=True)
+class Factors:
+    """Sparse LU factors of an equilibrated Jacobian: those of its rows and columns times ``rows`` and ``columns``."""
+
+    rows: Floats
+    columns: Floats
+    factors: SuperLU
+
+    @classmethod
+    def of(cls, system: System, state: RawState, method: Method = "complex-step") -> "Factors":
+        """Factorise the Jacobian of a state. Raises ``ConvergenceError`` if it is singular."""
+        matrix = jacobian(system, state, method)
+        rows = 1.0 / abs(matrix).max(axis=1).toarray()
+        matrix = diags_array(rows) @ matrix
+        columns = 1.0 / abs(matrix).max(axis=0).toarray()
+        try:
+            return cls(rows, columns, splu((matrix @ diags_array(columns)).tocsc()))
+        except RuntimeError as error:
+            raise ConvergenceError(f"{system.problem.name}: the Jacobian is singular ({error})") from error
+
+    def correct(self, system: System, state: RawState, residual: Residual) -> RawState:
+        """Return the Newton correction of a state with this residual, prescribed values exact."""
+        deviation = residual_vector(system, state, residual)
+        solution = -self.columns * self.factors.solve(self.rows * deviation)
+        _, given = _row_sources(system)
+        solution[given] = -deviation[given]  # without the rounding of the elimination
+        cuts = np.cumsum([state.u.size, state.v.size, state.p.size])
+        u, v, p, ps = np.split(solution, cuts)
+        return RawState(u.reshape(-1, 2), v.reshape(-1, 2), p, ps.reshape(state.ps.shape))
 
 
 def damped_step(system: System, state: RawState, correction: RawState) -> tuple[RawState, Residual, float]:
@@ -358,7 +371,7 @@ def damped_step(system: System, state: RawState, correction: RawState) -> tuple[
     """
     step = 1.0
     while step >= _SHORTEST_STEP:
-        new = RawState(*(old + step * change for old, change in zip(_fields(state), _fields(correction), strict=True)))
+        new = moved(state, correction, step)
         residual = compute_residual(system, new)
         if residual.min_jacobian > 0.0:
             return new, residual, step
@@ -366,10 +379,15 @@ def damped_step(system: System, state: RawState, correction: RawState) -> tuple[
     raise ConvergenceError(f"{system.problem.name}: every step turns a triangle inside out")
 
 
+def moved(state: RawState, correction: RawState, step: float = 1.0) -> RawState:
+    """Add a part of a correction to a state."""
+    return RawState(*(old + step * change for old, change in zip(_fields(state), _fields(correction), strict=True)))
+
+
 def _relative_size(correction: RawState, state: RawState) -> float:
     """Largest norm of the correction relative to the unknowns among u, v, p, ps."""
     pairs = zip(_fields(correction), _fields(state), strict=True)
-    return max(float(np.linalg.norm(change) / (np.linalg.norm(whole) or 1.0)) for change, whole in pairs)
+    return largest(relative(norm(change), norm(whole)) for change, whole in pairs)
 
 
 def _numbers(nodes: Ints) -> Ints:

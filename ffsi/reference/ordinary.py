@@ -1,0 +1,79 @@
+"""How far an ordinary time step, solved to its tolerance and not to round-off, is from the solution of its equations.
+
+Residuals do not tell: a displacement that is wrong by a millionth stresses a stiff solid by more than the fluid does.
+What is missing is what Newton's method would still correct, in the norm that the tolerance is meant in.
+"""
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from ffsi.rawfiles import Floats, RawState
+from ffsi.reference.relative import largest, norm
+from ffsi.reference.residual import compute_residual
+from ffsi.reference.solve import ConvergenceError, Factors, moved
+from ffsi.reference.system import System
+
+ALLOWED = 10.0
+"""Accepted error of an ordinary step over its tolerance, which bounds the last correction and not what is left."""
+LARGEST = 100_000
+"""Number of unknowns up to which the error of an ordinary step is computed: it takes a factorisation."""
+# Factors of an earlier step are good enough where they leave this part of an error, or rounding.
+_CONTRACTION, _NOISE = 0.3, 1e-11
+
+
+class Corrector:
+    """Computes what steps lack; factors are kept from one step to the next, as long as they do."""
+
+    def __init__(self) -> None:
+        """Start without factors."""
+        self._factors: Factors | None = None
+
+    def missing(self, system: System, state: RawState) -> float:
+        """Weighted root mean square of what is missing at the end of the system's step; infinite if it is not found."""
+        if self._factors is not None and math.isfinite(found := self._missing(self._factors, system, state)):
+            return found
+        try:
+            self._factors = Factors.of(system, state, "divided-difference")
+        except ConvergenceError:
+            return math.inf
+        return self._missing(self._factors, system, state)
+
+    @staticmethod
+    def _missing(factors: Factors, system: System, state: RawState) -> float:
+        """Two corrections with kept factors; infinite if the second is not much smaller than the first."""
+        sizes, at = [], state
+        for _ in range(2):
+            correction = factors.correct(system, at, compute_residual(system, at))
+            sizes.append(weighted(system, state, correction))
+            at = moved(at, correction)
+        return sum(sizes) if sizes[1] <= max(_CONTRACTION * sizes[0], _NOISE) else math.inf
+
+
+def weighted(system: System, state: RawState, correction: RawState) -> float:
+    """Root mean square of a correction over the unknowns of a step: of u over V k, of v over V, of p over P.
+
+    V is the largest velocity of the fields and of the displacement, P the largest pressure, rho V^2 at least.
+    """
+    if (increment := system.increment) is None:
+        raise ValueError(f"{system.problem.name}: a steady system has no step")
+    parts = list(_weighted(system, state, correction, increment.old, increment.step.k))
+    return norm([norm(part) for part in parts]) / math.sqrt(sum(part.size for part in parts) or 1)
+
+
+def _weighted(system: System, state: RawState, correction: RawState, old: RawState, k: float) -> Iterator[Floats]:
+    rows, densities = system.rows, [solid.law.density for solid in system.solids.values()]
+    if system.fluid is not None:
+        densities.append(system.fluid.law.density)
+    speed = largest(np.abs([state.v, old.v, (state.u - old.u) / k]).ravel())
+    pressure = largest([max(densities) * speed**2, *np.abs([state.p, old.p]).ravel()])
+    solid_pressure = largest([pressure, *np.abs([state.ps, old.ps]).ravel()])
+    for change, given, scale in (
+        (correction.u, rows.u_given, speed * k),
+        (correction.v, rows.v_given, speed),
+        (correction.p, rows.p_given, pressure),
+        (correction.ps, rows.ps_given, solid_pressure),
+    ):
+        free = change[~given]
+        yield free / scale if scale > 0.0 else np.where(free == 0.0, 0.0, np.inf)
