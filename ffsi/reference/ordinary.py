@@ -54,7 +54,8 @@ class Corrector:
 def weighted(system: System, state: RawState, correction: RawState) -> float:
     """Root mean square of a correction over the unknowns of a step: of u over V k, of v over V, of p over P.
 
-    V is the largest velocity of the fields and of the displacement, P the largest pressure, rho V^2 at least.
+    V is the largest velocity of the fields and of the displacement, the mean velocity of the inflow at least, and P the
+    largest pressure, rho V^2 at least.
     """
     if (increment := system.increment) is None:
         raise ValueError(f"{system.problem.name}: a steady system has no step")
@@ -66,7 +67,9 @@ def _weighted(system: System, state: RawState, correction: RawState, old: RawSta
     rows, densities = system.rows, [solid.law.density for solid in system.solids.values()]
     if system.fluid is not None:
         densities.append(system.fluid.law.density)
-    speed = largest(np.abs([state.v, old.v, (state.u - old.u) / k]).ravel())
+    speed = largest(
+        [abs(system.problem.mean_velocity or 0.0), *np.abs([state.v, old.v, (state.u - old.u) / k]).ravel()]
+    )
     pressure = largest([max(densities) * speed**2, *np.abs([state.p, old.p]).ravel()])
     solid_pressure = largest([pressure, *np.abs([state.ps, old.ps]).ravel()])
     for change, given, scale in (
