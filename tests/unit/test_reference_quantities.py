@@ -148,7 +148,7 @@ def test_every_quantity_of_a_steady_run_is_checked(tmp_path, steady):
     for name, value in quantities.items():
         if name.removesuffix("_coefficient") in ("drag", "lift"):
             continue  # numbers of their own
-        for changes in ({name: value + 1e-6}, {name: None}, {name: math.nan}):
+        for changes in ({name: value + 1e-6}, {name: None}):
             report = check(tmp_path, *folder, quantities | changes)
             assert failing(report) == {"quantities_difference"}, name
             assert f"({name} is reported as " in report.failures[0]
