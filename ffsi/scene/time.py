@@ -12,6 +12,8 @@ from ffsi.scene.base import Table, refuse
 from ffsi.scene.errors import Problem, number_text, short
 from ffsi.scene.units import Duration, Quantity, Rate
 
+MAX_STEPS = 1e9
+"""Steps that fit into a computation, at most; a smaller step would be lost in the rounding of the time."""
 SMALLEST_STEP = 1e-3
 """What `time.smallest_step` is where it is not given, as a part of `time.step`."""
 
@@ -59,6 +61,11 @@ class Time(Table):
             value = getattr(self, key)
             if value is not None and value < self.step:
                 yield Problem(key, f"must be at least {step}", f"{short(value)} s")
+        for key in ("step", "smallest_step"):
+            value = getattr(self, key)
+            if value is not None and value < self.end / MAX_STEPS:
+                least = f"end / {number_text(MAX_STEPS)} = {number_text(self.end / MAX_STEPS)} s"
+                yield Problem(key, f"must be at least {least}", f"{short(value)} s")
         if self.smallest_step is None:
             return
         if not self.adaptive:

@@ -303,6 +303,8 @@ OVERRIDES = [
     ("turek-fsi3", "time.shift=-1", ["time.shift = -1:", ">= 0 in 1/s"]),
     ("turek-fsi3", "time.error=0", ["time.error = 0:", "> 0"]),
     ("turek-fsi3", "time.error=0.2", ["time.error = 0.2:", "> 0 and <= 0.1"]),
+    ("turek-fsi3", "time.step=1e-9", ["time.step = 1e-09 s:", "at least end / 1e+09 = 1e-08 s"]),
+    ("turek-fsi3", "time.step=1e-320", ["time.step = ", "at least end / 1e+09"]),
     ("turek-fsi3", "time.adaptive=1", ["time.adaptive = 1:", "true or false"]),
     ("turek-fsi3", "time.stop=periodical", ["time.stop =", '"end", "periodic"', 'mean "periodic"']),
     ("turek-fsi3", "time.scheme=crank-nicholson", ["time.scheme =", '"backward-euler"', 'mean "crank-nicolson"']),
