@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import re
 import sys
@@ -16,10 +17,10 @@ from ffsi.evaluation import words
 from ffsi.exit_codes import BAD_INPUT, CHECK_FAILED, FAULT, INTERRUPTED, NO_FREEFEM, NOT_CONVERGED, TEXT, worst
 from ffsi.folder import InputError
 from ffsi.freefem import FreeFEMError
+from ffsi.record import newest_checkpoint
 from ffsi.result import Result, load_result, load_results
 from ffsi.scene import MeshGeometry, Scene, SceneError, load_scene
 from ffsi.streams import guarded
-from ffsi.timesteps import newest_checkpoint
 from ffsi.unsteady import STOPPED, check_resumable
 
 app = typer.Typer(
@@ -268,28 +269,34 @@ def check(
 
     Exit codes: 0 passed, 1 failed, 2 bad input, 3 nothing converged there.
     """
+    from ffsi import recheck, study
     from ffsi.reference import check_run
 
-    solved = [result for result in load_results(directory) if result.solved]
-    if not solved:
+    results = load_results(directory, believe=True)
+    solved = [result for result in results if result.solved]
+    problems = study.problems(directory) if folder.is_sweep_folder(directory) else []
+    found = [(result, recheck.problems(result)) for result in results if result.solved or "digest" in result.data]
+    problems += [f"{result.file}: {text}" for result, texts in found for text in texts]
+    if not solved and not problems:
         show.error(f"{directory} holds no converged point, there is nothing to check")
         raise typer.Exit(NOT_CONVERGED)
     reports = []
     for result in solved:
         try:
             reports.append((result, check_run(result.directory, result.scene, point=result.point)))
-        except ValueError as error:  # its files do not fit together: damaged, or of another scene
-            raise error if isinstance(error, InputError) else InputError(f"{result.directory}: {error}") from error
+        except (ValueError, OSError) as error:  # its files do not fit together: damaged, or of another scene
+            problems.append(f"{result.directory}, point {result.point}: {error}")
+    passed = not problems and all(report.passed for _, report in reports)
     if json:
-        sys.stdout.write(
-            folder.to_json({"passed": all(report.passed for _, report in reports), "points": show.check_rows(reports)})
-        )
-    else:
+        sys.stdout.write(folder.to_json({"passed": passed, "problems": problems, "points": show.check_rows(reports)}))
+    elif reports:
         show.checks(reports)
+    for text in problems:
+        show.error(text)
     for result, report in reports:
         for failure in report.failures:
             show.error(f"{result.directory}, point {result.point}: {failure}")
-    raise typer.Exit(0 if all(report.passed for _, report in reports) else CHECK_FAILED)
+    raise typer.Exit(0 if passed else CHECK_FAILED)
 
 
 @app.command()
@@ -371,8 +378,9 @@ def _finish(results: Sequence[Result], directory: Path) -> None:
 
 
 def _say_how_to_resume(scene: Scene, directory: Path) -> None:
-    if scene.time is not None and (last := newest_checkpoint(directory)) is not None:
-        show.note(f"ffsi run --resume {directory} goes on from t = {last.time:g} s")
+    with contextlib.suppress(InputError):
+        if scene.time is not None and (last := newest_checkpoint(directory)) is not None:
+            show.note(f"ffsi run --resume {directory} goes on from t = {last.time:g} s")
 
 
 def _check_animation(scene: Scene, field: str) -> None:

@@ -7,7 +7,7 @@ import fcntl
 import json
 import math
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +25,8 @@ HISTORY = "newton.csv"
 MESH = "mesh.bin"
 MESH_INPUT = "geometry.mesh"
 SWEEP = "sweep.toml"
+POINT = "point.json"
+STATE = "point.bin"
 FAILED = "failed.json"
 FAILED_STATE = "failed.bin"
 # Of a run in time.
@@ -33,30 +35,29 @@ STEPS = "steps.csv"
 STEPS_JSON = "steps.json"
 STATES = "state-*.bin"
 CHECKPOINTS = ("checkpoint-a.bin", "checkpoint-b.bin")
+MANIFEST = "manifest.json"
 STOP = "stop"
 WALL = "wall.csv"
 WALL_CYCLES = "wall-*.bin"
 SERIES = "fields.pvd"
 LOGS = "freefem-*.log"
-IN_TIME = (TIME_HISTORY, STEPS, STATES, WALL_CYCLES, *CHECKPOINTS)
+IN_TIME = (TIME_HISTORY, STEPS, STATES, WALL_CYCLES, *CHECKPOINTS, MANIFEST)
 # What a run starts from.
-DEFINITION = (SCRIPT, SCENE, CHAIN, MESH_INPUT)
+DEFINITION = (SCRIPT, SCENE, CHAIN, POINTS, MESH_INPUT)
+# What is read later, beside the files of single points.
+BELIEVED = (*DEFINITION, MESH, HISTORY, TIME_HISTORY, STEPS, STATES, WALL_CYCLES, *CHECKPOINTS, STOP)
 PICTURES = ("velocity", "pressure", "displacement")
 
 # Bytes: what the system holds, less the longest name of a file in the folder.
 _LONGEST_PATH, _LONGEST_NAME = 4000, 255
 
 _OURS = (
-    SCRIPT,
-    SCENE,
+    *DEFINITION,
     LOG,
     RESULT,
     "result-*.json",
-    CHAIN,
-    POINTS,
     HISTORY,
     MESH,
-    MESH_INPUT,
     FAILED,
     FAILED_STATE,
     *IN_TIME,
@@ -81,6 +82,11 @@ def numbered(name: str, point: int) -> str:
     return f"{stem}-{point:04d}{dot}{ending}"
 
 
+def point_files(point: int) -> tuple[str, ...]:
+    """Return the names of the files that the script writes of one point, or of its failure."""
+    return (numbered(POINT, point), numbered(STATE, point), FAILED, FAILED_STATE)
+
+
 def is_run_folder(directory: Path) -> bool:
     """Tell whether `directory` holds a run that ffsi has started."""
     return (directory / SCENE).is_file() and ((directory / SCRIPT).is_file() or (directory / RESULT).is_file())
@@ -96,7 +102,8 @@ def check_usable(directory: Path) -> None:
 
     Raises:
         InputError: `directory` is a file, a sweep, a non-empty folder that is no run folder of ours, one that nobody
-            may write into, or has a name that is too long.
+            may write into, or has a name that is too long; or one of the files there is a link, through which something
+            else would be overwritten.
     """
     check_writable(directory)
     if not directory.exists():
@@ -109,6 +116,18 @@ def check_usable(directory: Path) -> None:
         raise InputError(
             f"{directory} is not empty and is no run folder of ffsi; nothing was written. Give another folder"
         )
+    refuse_links(directory, _OURS)
+
+
+def refuse_links(directory: Path, patterns: Sequence[str]) -> None:
+    """Refuse a folder in which a name that matches one of the patterns is a symbolic link.
+
+    Raises:
+        InputError: it is.
+    """
+    for path in directory.iterdir():
+        if path.is_symlink() and any(path.match(pattern) for pattern in patterns):
+            raise InputError(f"{path} is a symbolic link; ffsi writes through none. Remove it, or give another folder")
 
 
 def check_writable(directory: Path) -> None:
@@ -157,20 +176,28 @@ def keep_log(directory: Path) -> None:
 
 
 @contextlib.contextmanager
-def held(directory: Path) -> Iterator[None]:
-    """Make a run folder if need be, and keep other calls of ffsi out of it while this one works there.
+def held(directory: Path, check: Callable[[Path], None] = check_usable) -> Iterator[None]:
+    """Make a folder if need be, and keep other calls of ffsi out of it while this one works there.
+
+    The lock is the kernel's and ends with its process, so there are no stale ones.
+
+    Args:
+        directory: of a run, or with another `check` of a sweep.
+        check: refuses a folder that cannot be used, before anything is made.
 
     Raises:
-        InputError: as `check_usable`, or another one is at work there.
+        InputError: as `check`, or another one is at work there.
     """
-    check_usable(directory)
+    check(directory)
     directory.mkdir(parents=True, exist_ok=True)
     handle = os.open(directory, os.O_RDONLY)
     try:
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            raise InputError(f"another ffsi is at work in {directory}") from None
+            raise InputError(
+                f"another ffsi is at work in {directory}; wait for its end, or give another folder"
+            ) from None
         except OSError:  # a file system without locks
             pass
         yield

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import html
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
-from ffsi import folder, vtu
+from ffsi import folder, seals, vtu
 from ffsi.domain import meshed
 from ffsi.evaluation import Evaluations, Notes
 from ffsi.fields import FLUID, Fields, FloatArray
@@ -88,6 +88,16 @@ class Result:
         return [str(item) for item in self.data.get("warnings", [])]
 
     @property
+    def checked(self) -> bool:
+        """Whether the independent checker has passed these results; never of a file without a checksum."""
+        return bool(self.data.get("checked")) and "digest" in self.data
+
+    @property
+    def file(self) -> Path:
+        """The result file of this point."""
+        return self.directory / (folder.numbered(folder.RESULT, self.point) if "varied" in self.data else folder.RESULT)
+
+    @property
     def check_failures(self) -> list[str]:
         """What the reference checker objects to; empty if it passed or did not run."""
         return [str(item) for item in self.data.get("check_failures", [])]
@@ -108,6 +118,15 @@ class Result:
         return dict(self.data.get("quantities") or {})
 
     @property
+    def reached(self) -> dict[str, float]:
+        """Of a failed point what was reached, flat.
+
+        `load` (the part of what drives the scene), the varied values or the `time` (s), and the quantities of the last
+        state that was solved. If only the check failed, the quantities that it failed for.
+        """
+        return flatten(self.data.get("reached") or {})
+
+    @property
     def last_quantities(self) -> dict[str, Any]:
         """Quantities of the last state of a computation in time; those of a steady one."""
         in_time = self.data.get("time")
@@ -115,8 +134,11 @@ class Result:
 
     @property
     def shown_quantities(self) -> tuple[str, dict[str, float]]:
-        """Flat quantities for people: over the last period, or, where there is none, of the last state; and which."""
+        """Flat quantities for people: over the last period, of the last state, or what was reached; and which."""
         in_time = self.data.get("time")
+        if self.failure and not self.quantities:
+            words = {"check": "at a state that failed the check", "stopped": "at the stop"}
+            return words.get(self.failure, "at the last solved state, before the failure"), self.reached
         if in_time is None:
             return "", flatten(self.quantities)
         periods = any(name.endswith("_mean") for name in flatten(self.quantities))
@@ -309,6 +331,12 @@ class Result:
         return str(self.data.get("failure", "" if self.converged else "not-converged"))
 
     @property
+    def rank(self) -> int:
+        """How much this result is worth beside others of the same point."""
+        ranks = {"": 4, "check": 3, "not-converged": 2, "not-reached": 1}
+        return ranks.get(self.failure, 0) + int(self.checked)
+
+    @property
     def mesh(self) -> meshio.Mesh:
         """Quadratic triangles (`triangle6`) on the reference configuration with all fields, as a meshio mesh."""
         return vtu.to_meshio(self.fields, self.wall_data(self.state_file) if self.state_file else {})
@@ -386,10 +414,13 @@ def load_result(directory: str | Path, point: int | None = None) -> Result:
         point: which point of a chain; by default the last one.
 
     Raises:
-        InputError: the folder or the point is not there, or its files are damaged.
+        InputError: the folder or the point is not there, or its files are damaged, or were changed after the run.
         SceneError: its `scene.toml` cannot be read.
     """
-    directory = Path(directory)
+    return _load(Path(directory), point, believe=False)
+
+
+def _load(directory: Path, point: int | None, believe: bool) -> Result:
     if not folder.is_run_folder(directory):
         raise InputError(
             f"{directory} is no run folder of ffsi" + ("" if directory.exists() else " (it does not exist)")
@@ -402,14 +433,20 @@ def load_result(directory: str | Path, point: int | None = None) -> Result:
     data = folder.read_json(directory / name)
     if missing := [key for key in ("case", "status") if key not in data]:
         raise InputError(f"{directory / name} lacks {', '.join(missing)}")
+    if name != folder.RESULT and data.get("point") != point:
+        raise InputError(f"{directory / name} is the result of point {data.get('point')}")
+    if not believe and "digest" in data and (wrong := seals.problems(directory / name, data)):
+        raise InputError(f"{directory}: {'; '.join(wrong)}. What was computed is not what lies there; run it again")
     scene = load_scene(str(directory / folder.SCENE), [])
     if varied := data.get("varied"):
         scene = with_values(scene, varied)
     return Result(scene, directory, data)
 
 
-def load_results(directory: str | Path) -> list[Result]:
+def load_results(directory: str | Path, *, believe: bool = False) -> list[Result]:
     """Read every point of a run folder, a chain or a sweep, in the order of the folders and points.
+
+    With `believe` checksums are not compared, for a caller that does so itself.
 
     Raises:
         InputError: as `load_result`; also if there is no result yet.
@@ -417,19 +454,29 @@ def load_results(directory: str | Path) -> list[Result]:
     directory = Path(directory)
     if folder.is_sweep_folder(directory):
         chains = sorted(path for path in directory.glob("chain-*") if folder.is_run_folder(path))
-        results = [result for chain in chains for result in _points(chain)]
+        results = best(result for chain in chains for result in _points(chain, believe))
     elif (directory / folder.CHAIN).is_file():
-        results = _points(directory)
+        results = _points(directory, believe)
     else:
-        results = [load_result(directory)]
+        results = [_load(directory, None, believe)]
     if not results:
         raise InputError(f"{directory} holds no result yet")
     return results
 
 
-def _points(chain: Path) -> list[Result]:
-    numbers = sorted(int(path.stem.rpartition("-")[2]) for path in chain.glob("result-*.json"))
-    return [load_result(chain, number) for number in numbers]
+def _points(chain: Path, believe: bool) -> list[Result]:
+    numbers = sorted(int(path.stem.rpartition("-")[2]) for path in chain.glob("result-[0-9]*.json"))
+    return [_load(chain, number, believe) for number in numbers]
+
+
+def best(results: Iterable[Result]) -> list[Result]:
+    """Return one result of every point that was solved several times: the best one, of equally good ones the first."""
+    found: dict[tuple[object, ...], Result] = {}
+    for result in results:
+        at = tuple((result.data.get("varied") or {}).values())
+        if at not in found or result.rank > found[at].rank:
+            found[at] = result
+    return list(found.values())
 
 
 def flatten(quantities: Mapping[str, Any]) -> dict[str, float]:

@@ -168,8 +168,8 @@ def quantities(values: Mapping[str, float], published: Mapping[str, Reference], 
 
 
 def is_checked(data: Mapping[str, Any]) -> bool:
-    """Return whether the checker has passed the point whose `result.json` this is."""
-    return bool(data.get("checked", data["check"] and not data.get("check_failures")))
+    """Return whether the checker has passed the point whose `result.json` this is; never without a checksum."""
+    return bool(data.get("checked")) and "digest" in data
 
 
 def summary(done: Result) -> list[str]:
@@ -248,8 +248,10 @@ def sweep(table: pd.DataFrame, keys: Sequence[str], out: Path) -> None:
     for name in [*keys, "status", *names, "check_maximum", "seconds"]:
         shown.add_column(text(name), justify="left" if name == "status" else "right")
     for _, line in table.iterrows():
+        good = line["status"] == "converged" and line["checked"]
+        word = line["status"] if good or line["status"] == "failed" else f"{line['status']}, not checked"
         cells: list[str | Text] = [f"{line[key]:g}" for key in keys]
-        cells.append(text(line["status"], "green" if line["status"] == "converged" else "red"))
+        cells.append(text(word, "green" if good else "red"))
         cells += [_cell(line[name], "{:.6g}") for name in names]
         shown.add_row(*cells, _cell(line["check_maximum"], "{:.1e}"), _cell(line["seconds"], "{:.1f}"))
     console.print(shown)
@@ -298,7 +300,7 @@ def checks(reports: Sequence[tuple[Result, CheckReport]]) -> None:
 
 def check_rows(reports: Sequence[tuple[Result, CheckReport]]) -> list[dict[str, Any]]:
     """Return what the checker found, one dictionary per point."""
-    from ffsi.run import CHECKED
+    from ffsi.point import CHECKED
 
     return [
         {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import itertools
 import logging
 import math
@@ -12,6 +13,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,16 +24,18 @@ from ffsi import folder, unsteady
 from ffsi.evaluation import words
 from ffsi.folder import InputError
 from ffsi.freefem import find_freefem, stop_all
+from ffsi.harvest import Values, chains_of, harvest, points_of
+from ffsi.point import CHECKED
 from ffsi.render import is_runtime_parameter
-from ffsi.result import Result, flatten, load_result
-from ffsi.run import CHECKED, OnEvent, OnResult, finish_point, run_chain
+from ffsi.result import Result, flatten, load_results
+from ffsi.run import OnEvent, OnResult, run_chain
 from ffsi.scene import MeshGeometry, Scene, load_scene, with_values
 from ffsi.text import cut
 
 logger = logging.getLogger(__name__)
 
-Values = dict[str, float]
 TABLE = "sweep.csv"
+_SUM = "# sha256 "
 MAXIMUM_POINTS = 100_000
 MAXIMUM_DIGITS = 40
 _EXPONENTS = (-300, 300)
@@ -151,8 +155,9 @@ def sweep(
         check: verify every point with the independent checker.
 
     Returns:
-        One row per point in the order of the product: the varied keys, `status`, `reason`, `failure`, `warnings`, every
-        quantity, `check_maximum`, `seconds`, `folder` and `point`.
+        One row per point in the order of the product: the varied keys, `status`, `checked`, `reason`, `failure`,
+        `warnings`, every quantity (of a point that failed none, but `reached_...`), `check_maximum`, `seconds`,
+        `folder` and `point`.
 
     Raises:
         InputError: `out` holds something else, or a sweep with another definition; or `dask` is not installed.
@@ -163,43 +168,22 @@ def sweep(
     chains = plan(scene, vary)
     directory = Path(out).absolute()
     definition = _definition(scene, vary)
-    _check_definition(directory, definition)
     if dask is None:
         find_freefem()
-    directory.mkdir(parents=True, exist_ok=True)
-    if not folder.is_sweep_folder(directory):
-        folder.write_text(directory / folder.SWEEP, tomli_w.dumps(definition))
-    table = _Table(directory, list(vary), points(vary))
-    for result in harvest(scene, directory, list(vary), check=check):
-        table.add(result)
-    todo = [rest for chain in chains if (rest := remaining(chain, table.done(), table.converged()))]
-    folders = _folders(scene, directory, todo)
-    if dask is not None:
-        _run_on_dask(scene, todo, folders, table, dask, check)
-    else:
-        _run_here(scene, todo, folders, table, jobs, on_event, check)
-    return table.write()
-
-
-def harvest(scene: Scene, directory: Path, keys: Sequence[str], *, check: bool = True) -> list[Result]:
-    """Collect what earlier calls left in the chains of a sweep; complete points that nobody checked are checked now."""
-    results = []
-    for chain in sorted(directory.glob("chain-*")):
-        path = chain / folder.CHAIN
-        if not path.is_file():
-            continue
-        for number, values in enumerate(folder.read_json(path)["points"], start=1):
-            if (chain / folder.numbered(folder.RESULT, number)).is_file():
-                results.append(load_result(chain, number))
-                continue
-            try:
-                finished = finish_point(with_values(scene, values), chain, number, values, check=check)
-            except InputError as error:  # cut off while FreeFEM was writing it
-                logger.warning("%s", error)
-                continue
-            if finished is not None:
-                results.append(finished)
-    return results
+    with folder.held(directory, lambda path: _check_definition(path, definition)):
+        if not folder.is_sweep_folder(directory):
+            _write_definition(directory, definition)
+        table = _Table(directory, list(vary), points(vary))
+        for chain in chains_of(directory):
+            for result in harvest(scene, chain, list(vary), check=check):
+                table.add(result)
+        todo = [rest for chain in chains if (rest := remaining(chain, table.done(), table.converged()))]
+        folders = _folders(scene, directory, todo)
+        if dask is not None:
+            _run_on_dask(scene, todo, folders, table, dask, check)
+        else:
+            _run_here(scene, todo, folders, table, jobs, on_event, check)
+        return table.write()
 
 
 def remaining(chain: Chain, done: set[tuple[float, ...]], converged: set[tuple[float, ...]]) -> Chain | None:
@@ -213,15 +197,17 @@ def remaining(chain: Chain, done: set[tuple[float, ...]], converged: set[tuple[f
 
 def row(result: Result, values: Values, directory: Path) -> dict[str, Any]:
     """Return the table's row of one point."""
-    checked = [value for name in CHECKED if isinstance(value := result.data.get("check", {}).get(name), (int, float))]
+    numbers = [value for name in CHECKED if isinstance(value := result.data.get("check", {}).get(name), (int, float))]
     return {
         **values,
         "status": result.status,
+        "checked": result.checked,
         "reason": result.reason,
         "failure": result.failure,
         "warnings": "; ".join(result.warnings),
         **flatten(result.quantities),
-        "check_maximum": max(checked, default=None),
+        **{f"reached_{name}": value for name, value in result.reached.items()},
+        "check_maximum": max(numbers, default=None),
         **({"not_evaluated": "; ".join(map(words, result.not_evaluated))} if result.not_evaluated else {}),
         "seconds": result.data.get("timings", {}).get("total"),
         "folder": os.path.relpath(result.directory, directory),
@@ -230,22 +216,21 @@ def row(result: Result, values: Values, directory: Path) -> dict[str, Any]:
 
 
 class _Table:
-    """The rows that are known so far; `sweep.csv` follows every addition."""
+    """The results that are known so far; `sweep.csv` follows every addition."""
 
     def __init__(self, directory: Path, keys: Sequence[str], order: Sequence[Values]) -> None:
         self.directory, self.keys, self.order = directory, keys, order
-        self.rows: dict[tuple[float, ...], dict[str, Any]] = {}
+        self.results: dict[tuple[float, ...], Result] = {}
         self.lock = threading.Lock()
 
     def add(self, result: Result) -> None:
-        """Take a point in; a crash never replaces a result."""
-        values = {key: result.data["varied"][key] for key in self.keys}
-        at = tuple(values.values())
+        """Take a point in, if it is better than what is known of it, or has taken its place in the same folder."""
+        at = tuple(result.data["varied"][key] for key in self.keys)
         with self.lock:
-            if at in self._done() and result.failure == "crash":
-                return
-            self.rows[at] = row(result, values, self.directory)
-            self._write()
+            known = self.results.get(at)
+            if known is None or known.directory == result.directory or _worth(result) > _worth(known):
+                self.results[at] = result
+                self._write()
 
     def done(self) -> set[tuple[float, ...]]:
         """Return the points that need not run again."""
@@ -255,23 +240,34 @@ class _Table:
     def converged(self) -> set[tuple[float, ...]]:
         """Return the points that were solved."""
         with self.lock:
-            return {at for at, item in self.rows.items() if item["failure"] in ("", "check")}
+            return {at for at, result in self.results.items() if result.failure in ("", "check")}
 
     def write(self) -> pd.DataFrame:
         with self.lock:
             return self._write()
 
     def _done(self) -> set[tuple[float, ...]]:
-        return {at for at, item in self.rows.items() if item["failure"] not in unsteady.RESUMABLE}
+        return {at for at, result in self.results.items() if result.failure not in unsteady.RESUMABLE}
 
     def _write(self) -> pd.DataFrame:
-        known = [self.rows[at] for values in self.order if (at := tuple(values.values())) in self.rows]
-        first = [*self.keys, "status", "reason", "failure", "warnings"]
-        last = ["check_maximum", "seconds", "folder", "point"]
-        middle = dict.fromkeys(key for item in known for key in item if key not in (*first, *last))
-        table = pd.DataFrame(known, columns=[*first, *middle, *last])
+        table = self.frame()
         folder.write_text(self.directory / TABLE, table.to_csv(index=False))
         return table
+
+    def frame(self) -> pd.DataFrame:
+        """Return the table: what is known, in the order of the product."""
+        values = [values for values in self.order if tuple(values.values()) in self.results]
+        known = [row(self.results[tuple(each.values())], each, self.directory) for each in values]
+        first = [*self.keys, "status", "checked", "reason", "failure", "warnings"]
+        last = ["check_maximum", "seconds", "folder", "point"]
+        middle = dict.fromkeys(key for item in known for key in item if key not in (*first, *last))
+        ordered = sorted(middle, key=lambda name: name.startswith("reached_"))
+        return pd.DataFrame(known, columns=[*first, *ordered, *last])
+
+
+def _worth(result: Result) -> tuple[int, list[int]]:
+    """Return what decides between two results of a point: the better one; of two as good that of the first chain."""
+    return result.rank, [-ord(letter) for letter in result.directory.name]
 
 
 def _run_here(
@@ -316,10 +312,8 @@ def _run_on_dask(
             for chain, path in zip(todo, folders, strict=True)
         ]
         for job in done(jobs):
-            path = Path(job.result())
-            for result in harvest(scene, path.parent, table.keys, check=check):
-                if result.directory == path:
-                    table.add(result)
+            for result in harvest(scene, Path(job.result()), table.keys, check=check):
+                table.add(result)
 
 
 def _run_remotely(toml: str, chain: Chain, path: str, check: bool) -> str:
@@ -342,10 +336,15 @@ def _run_one(
     on_result: OnResult | None,
     threads: int,
 ) -> None:
-    resume = not scene.steady and folder.is_run_folder(path)
-    results = run_chain(
-        scene, chain.points, path, check=check, on_event=on_event, on_result=on_result, threads=threads, resume=resume
-    )
+    run = partial(run_chain, scene, out=path, check=check, on_event=on_event, threads=threads)
+    results: list[Result] = []
+    if not scene.steady and folder.is_run_folder(path):
+        try:
+            results = run(chain.points, on_result=on_result, resume=True)
+        except InputError as error:  # what lies there cannot be believed
+            logger.warning("%s. The point is computed anew", error)
+    if not results:
+        results = run(chain.points, on_result=on_result)
     if not chain.lead_in or results[0].failure != "not-converged":
         return
     logger.info("%s: the first point does not converge from rest, going through the points before it again", path)
@@ -354,8 +353,7 @@ def _run_one(
         if on_result is not None and result.point > len(chain.lead_in):
             on_result(result)
 
-    whole = (*chain.lead_in, *chain.points)
-    run_chain(scene, whole, path, check=check, on_event=on_event, on_result=report, threads=threads)
+    run((*chain.lead_in, *chain.points), on_result=report)
 
 
 def _definition(scene: Scene, vary: Mapping[str, Sequence[float]]) -> dict[str, Any]:
@@ -364,6 +362,55 @@ def _definition(scene: Scene, vary: Mapping[str, Sequence[float]]) -> dict[str, 
     if isinstance(scene.geometry, MeshGeometry):
         definition["mesh"] = scene.geometry.digest  # the file may have changed
     return definition
+
+
+def _write_definition(directory: Path, definition: Mapping[str, Any]) -> None:
+    text = tomli_w.dumps(definition)
+    folder.write_text(directory / folder.SWEEP, f"{_SUM}{hashlib.sha256(text.encode('utf-8')).hexdigest()}\n{text}")
+
+
+def _read_definition(directory: Path) -> dict[str, Any]:
+    """Return what `sweep.toml` holds; its first line, a comment, is the SHA-256 of the rest.
+
+    Raises:
+        InputError: it is damaged.
+    """
+    path = directory / folder.SWEEP
+    data = path.read_bytes()
+    head, _, text = data.partition(b"\n")
+    try:
+        found = tomllib.loads(data.decode("utf-8"))
+    except ValueError as error:
+        raise InputError(f"{path} is damaged: {error}") from error
+    if head != (_SUM + hashlib.sha256(text).hexdigest()).encode("ascii"):
+        raise InputError(
+            f"{path} was changed after it was written, or is of an older version: its checksum does not fit"
+        )
+    return found
+
+
+def problems(directory: Path) -> list[str]:
+    """Return what in a sweep's own files, `sweep.toml` and `sweep.csv`, does not fit the results in its chains.
+
+    Raises:
+        InputError: a result cannot be read.
+    """
+    results = load_results(directory, believe=True)
+    again = "; the same call of ffsi sweep mends it"
+    try:
+        vary = _read_definition(directory)["vary"]
+        table = _Table(directory, list(vary), points(vary))
+        for result in results:
+            table.results[tuple(result.data["varied"][key] for key in vary)] = result
+        text = table.frame().to_csv(index=False).encode("utf-8")
+        path = directory / TABLE
+        if not path.is_file():
+            return [f"{path} is missing{again}"]
+        return [] if path.read_bytes() == text else [f"{path} is not the table of the results in its chains{again}"]
+    except InputError as error:
+        return [str(error)]
+    except (KeyError, TypeError, AttributeError) as error:
+        return [f"{directory}: its results are not those of its {folder.SWEEP} ({error})"]
 
 
 def _check_definition(directory: Path, definition: Mapping[str, Any]) -> None:
@@ -376,10 +423,8 @@ def _check_definition(directory: Path, definition: Mapping[str, Any]) -> None:
         if any(directory.iterdir()):
             raise InputError(f"{directory} is not empty and holds no sweep; nothing was written. Give another folder")
         return
-    try:
-        there = tomllib.loads((directory / folder.SWEEP).read_text(encoding="utf-8"))
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{directory / folder.SWEEP} is damaged: {error}") from error
+    folder.refuse_links(directory, ("*",))
+    there = _read_definition(directory)
     if (key := _first_difference(there, definition)) is not None:
         raise InputError(f"{directory} holds a sweep with another definition: {key}. Give another folder to keep both")
 
@@ -402,25 +447,25 @@ def _words(value: Any) -> str:
 
 def _folders(scene: Scene, directory: Path, todo: Sequence[Chain]) -> list[Path]:
     """Return where each chain runs: in a new folder, or, in time, in the one where an earlier call has begun it."""
-    begun = {} if scene.steady else _begun(directory)
+    begun = {} if scene.steady or not todo else _begun(directory, list(todo[0].points[0]))
     new = iter(_new_folders(directory, len(todo)))
     return [begun.get(tuple(chain.points[0].values())) or next(new) for chain in todo]
 
 
-def _begun(directory: Path) -> dict[tuple[float, ...], Path]:
+def _begun(directory: Path, keys: Sequence[str]) -> dict[tuple[float, ...], Path]:
     """Return the chains in time that have begun and not ended, by the values of their point."""
     found = {}
-    for path in sorted(directory.glob("chain-*")):
-        result = path / folder.numbered(folder.RESULT, 1)
+    for path in chains_of(directory):
         if not (path / folder.CHAIN).is_file() or not folder.is_run_folder(path) or folder.is_held(path):
             continue
+        result = path / folder.numbered(folder.RESULT, 1)
         if not result.is_file() or folder.read_json(result).get("failure") in unsteady.RESUMABLE:
-            found[tuple(folder.read_json(path / folder.CHAIN)["points"][0].values())] = path
+            found[tuple(points_of(path, keys)[0].values())] = path
     return found
 
 
 def _new_folders(directory: Path, count: int) -> list[Path]:
-    numbers = [int(path.name.rpartition("-")[2]) for path in directory.glob("chain-[0-9]*") if path.is_dir()]
+    numbers = [int(path.name.rpartition("-")[2]) for path in chains_of(directory)]
     start = max(numbers, default=0) + 1
     return [directory / f"chain-{start + i:03d}" for i in range(count)]
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import logging
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -83,6 +84,24 @@ def read_history(directory: Path) -> pd.DataFrame:
     return _read_table(directory / folder.TIME_HISTORY)
 
 
+def flaw(history: pd.DataFrame) -> str:
+    """Return why a history is no sequence of steps, each from where the one before ended; empty if it is one."""
+    try:
+        numbers = history.to_numpy(dtype=np.float64)
+        times, steps = history["time"].to_numpy(dtype=np.float64), history["step"].to_numpy(dtype=np.float64)
+    except (KeyError, ValueError) as error:
+        return f"a value is no number ({error})"
+    if not len(times):
+        return "no step"
+    if not np.isfinite(numbers).all():
+        return f"step {1 + int(np.argwhere(~np.isfinite(numbers))[0][0])} has a value that is not finite"
+    gaps = np.abs(np.diff(times, prepend=0.0) - steps) > _SAME * times[-1]
+    if gaps.any() or not (steps > 0).all():
+        wrong = int(np.flatnonzero(gaps | ~(steps > 0))[0])
+        return f"step {1 + wrong} does not begin where the one before ends"
+    return ""
+
+
 def seconds_of_steps(history: pd.DataFrame) -> pd.Series[float]:
     """Return the seconds that each step took, of the process that made it.
 
@@ -133,20 +152,15 @@ def write_steps_json(directory: Path) -> None:
     folder.write_text(directory / folder.STEPS_JSON, folder.to_json(entries))
 
 
-def newest_checkpoint(directory: Path) -> Checkpoint | None:
-    """Return the latest checkpoint that is complete and fits the history; None without one."""
-    try:
-        times = read_history(directory)["time"].to_numpy(dtype=np.float64)
-    except (InputError, KeyError):
-        return None
-    found = [
-        checkpoint
-        for name in folder.CHECKPOINTS
-        if (checkpoint := _read_checkpoint(directory / name)) is not None
-        and 1 <= checkpoint.step <= len(times)
-        and abs(times[checkpoint.step - 1] - checkpoint.time) <= _SAME * checkpoint.time
-    ]
-    return max(found, key=lambda checkpoint: checkpoint.step, default=None)
+def states_until(directory: Path, step: int) -> list[str]:
+    """Return the names of the states that `steps.csv` lists up to a step, whether they are there or not."""
+    _, *rows = _lines(directory / folder.STEPS) or [""]
+    return [name for row in _until(rows, step) for name in row.split(",")[4:6]]
+
+
+def cycles_until(directory: Path, time: float) -> list[str]:
+    """Return the names of the files of cycles that end by a time in s."""
+    return sorted(path.name for path in directory.glob(folder.WALL_CYCLES) if _cycle_end(path) <= time * (1 + _SAME))
 
 
 def keep_checkpoint(checkpoint: Checkpoint) -> Path:
@@ -163,14 +177,15 @@ def cut_back(directory: Path, step: int) -> None:
     folder.write_text(directory / folder.TIME_HISTORY, "".join(lines[: step + 1]))
     for name in (folder.HISTORY, folder.STEPS):
         head, *rows = _lines(directory / name) or [""]
-        folder.write_text(directory / name, head + "".join(row for row in rows if _number(row) <= step))
+        folder.write_text(directory / name, head + "".join(_until(rows, step)))
     kept = {name for saved in read_saved_steps(directory) for name in (saved.old, saved.new)}
     for path in directory.glob(folder.STATES):
         if path.name not in kept:
             path.unlink()
     reached = float(read_history(directory)["time"].iloc[-1])
+    cycles = cycles_until(directory, reached)
     for path in directory.glob(folder.WALL_CYCLES):
-        if not _cycle_end(path) <= reached * (1 + _SAME):
+        if path.name not in cycles:
             path.unlink()
 
 
@@ -185,7 +200,8 @@ def _cycle_end(path: Path) -> float:
         return math.inf
 
 
-def _read_checkpoint(path: Path) -> Checkpoint | None:
+def read_checkpoint(path: Path) -> Checkpoint | None:
+    """Return a checkpoint; None if it is missing or not complete."""
     if not path.is_file():
         return None
     try:
@@ -220,6 +236,17 @@ def _lines(path: Path) -> list[str]:
         return []
     lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
     return lines if not lines or lines[-1].endswith("\n") else lines[:-1]
+
+
+def _until(rows: Sequence[str], step: int) -> Iterator[str]:
+    """Yield the rows up to a step; ordinary steps, which a run writes at its end, stand behind later ones."""
+    last = 0.0
+    for row in rows:
+        number = _number(row)
+        if not last <= number <= step:
+            return
+        last = number
+        yield row
 
 
 def _number(row: str) -> float:

@@ -11,14 +11,15 @@ from typing import Any
 
 import pandas as pd
 
-from ffsi import folder, metrics, resolution
+from ffsi import folder, metrics, resolution, seals
 from ffsi.evaluation import Notes, attempt
 from ffsi.folder import InputError
 from ffsi.freefem import Event
 from ffsi.metrics import Oscillation, Periodicity
+from ffsi.record import Recorder, begin, has_ended, newest_checkpoint
 from ffsi.result import unit
 from ffsi.scene import Scene, load_scene
-from ffsi.timesteps import cut_back, keep_checkpoint, newest_checkpoint, read_history, write_steps_json
+from ffsi.timesteps import Checkpoint, cut_back, flaw, keep_checkpoint, read_history
 
 logger = logging.getLogger(__name__)
 
@@ -42,6 +43,7 @@ class Watch:
 
     A listener that passes every event on and adds, every few seconds, `signal` events with `name`, `unit`, `mean`,
     `amplitude` (both in that unit) and `frequency` (Hz) of the last full period of `metrics.reference_column`.
+    Meanwhile it keeps the record (`ffsi.record`); `record.close` is to be called when the script has ended.
     """
 
     def __init__(
@@ -51,6 +53,7 @@ class Watch:
         """Watch the run of `scene` in `directory`."""
         self.scene, self.directory, self.on_event, self.clock = scene, directory, on_event, clock
         self.stopped = False
+        self.record = Recorder(directory)
         self._tail = _Tail(directory / folder.TIME_HISTORY)
         self._next = clock() + LOOK_EVERY
 
@@ -58,6 +61,8 @@ class Watch:
         """Take one event of the script."""
         if self.on_event is not None:
             self.on_event(event)
+        if event.kind == "time":
+            self.record.look()
         if event.kind == "time" and self.clock() >= self._next:
             begin = self.clock()
             self.look()
@@ -143,19 +148,20 @@ def settled(scene: Scene, times: Sequence[float], values: Sequence[float]) -> Pe
 
 
 def complete(data: dict[str, Any], scene: Scene, directory: Path) -> None:
-    """Put what the whole computation comes to into the content of `result.json`, and write `steps.json`.
+    """Put what the whole computation comes to into the content of `result.json`.
 
     The quantities become mean, amplitude and frequency over the last period; those of the last state move to
-    `time.last`. A run that was asked to stop before its end gets the failure `stopped`. `warnings` say where the steps
-    are too large.
+    `time.last`. A run that was asked to stop before its end gets the failure `stopped`, and one whose history is no
+    sequence of steps the failure `check`. `warnings` say where the steps are too large.
     """
     assert scene.time is not None
-    write_steps_json(directory)
     last = data["quantities"]
     try:
-        history = with_coefficients(scene, read_history(directory))
+        history = read_history(directory)
     except InputError:  # it died before the first step
         history = pd.DataFrame({"time": []})
+    wrong = flaw(history) if len(history) else ""
+    history = with_coefficients(scene, history) if not wrong else history[:0]
     reached = float(history["time"].iloc[-1]) if len(history) else 0.0
     data["quantities"] = _quantities(history, data.setdefault("not_evaluated", []))
     data["newton"] = _counts(directory, history)
@@ -164,6 +170,9 @@ def complete(data: dict[str, Any], scene: Scene, directory: Path) -> None:
         "last": last, "energy": energy_balance(history),
     }  # fmt: skip
     ended = reached >= scene.time.end * (1.0 - 1e-9)
+    if wrong and not data["failure"]:
+        data["status"], data["failure"] = "failed", "check"
+        data["reason"] = f"{folder.TIME_HISTORY} cannot be believed: {wrong}"
     if not data["failure"] and not ended and not (data["time"]["periodic"] and scene.time.stop == "periodic"):
         data["status"], data["failure"] = "failed", STOPPED
         data["reason"] = f"stopped at t = {reached:g} s of {scene.time.end:g} s"
@@ -274,34 +283,42 @@ def _refuse_finished(scene: Scene, directory: Path, result: Path) -> None:
         raise InputError(f"{directory} holds a steady run; only runs in time can be resumed")
     if not result.is_file():
         return
-    data = folder.read_json(result)
-    if data.get("failure", "") not in RESUMABLE:
+    try:
+        data = folder.read_json(result)
+        wrong = seals.problems(result, data)
+    except InputError as error:
+        wrong = [str(error)]
+    if wrong:  # the record tells what of the run can be believed
+        logger.warning("%s: %s; its result is made again", directory, "; ".join(wrong))
+    elif data.get("failure", "") not in RESUMABLE:
         ending = "converged" if not data.get("failure") else f"failed: {data.get('reason')}"
         raise InputError(f"the run in {directory} is finished ({ending}); there is nothing to resume")
 
 
-def prepare_resume(scene: Scene, directory: Path, result: Path) -> Mapping[str, str] | None:
+def prepare_resume(scene: Scene, directory: Path, result: Path, script: str) -> Mapping[str, str] | None:
     """Bring a folder into the state in which its script can go on.
 
-    Everything after the newest complete checkpoint is removed; without a checkpoint, everything.
+    Everything after the newest checkpoint that its record covers is removed; without one, everything.
 
     Args:
         scene: what to solve; that of the folder.
         directory: the run folder.
         result: the result file of a run that has ended, if it is there.
+        script: the text of the scene's script; nothing else is run.
 
     Returns:
         The script's arguments; None if the script had ended and only its files have to be read.
 
     Raises:
-        InputError: the run is finished, steady or one of another scene.
+        InputError: the run is finished, steady or one of another scene or script, or it was changed.
     """
     if load_scene(str(directory / folder.SCENE), []) != scene:
         raise InputError(
             f"{directory} holds a run of another scene; give another folder, or the scene in {folder.SCENE}"
         )
     _refuse_finished(scene, directory, result)
-    if not result.is_file() and _ended(directory):
+    _refuse_other_script(directory, script)
+    if has_ended(directory) and not _ends_early(result):
         return None
     checkpoint = newest_checkpoint(directory)
     folder.keep_log(directory)
@@ -311,17 +328,27 @@ def prepare_resume(scene: Scene, directory: Path, result: Path) -> Mapping[str, 
     folder.clear(directory, keep=(*folder.DEFINITION, folder.LOGS, *folder.IN_TIME, folder.HISTORY, folder.MESH))
     cut_back(directory, checkpoint.step)
     folder.write_text(directory / folder.STOP, _GO_ON)
+    kept = keep_checkpoint(checkpoint)
+    begin(directory, Checkpoint(kept, checkpoint.step, checkpoint.time))
     logger.info("%s: going on from t = %g s", directory, checkpoint.time)
-    return {"resume": str(keep_checkpoint(checkpoint).absolute())}
+    return {"resume": str(kept.absolute())}
 
 
-def _ended(directory: Path) -> bool:
-    """Return whether the script has written its last file."""
-    for name in (folder.numbered("point.json", 1), folder.FAILED):
-        if (directory / name).is_file():
-            try:
-                folder.read_json(directory / name)
-            except InputError:  # cut off
-                continue
-            return True
-    return False
+def _refuse_other_script(directory: Path, script: str) -> None:
+    """Refuse to run a script that this program would not write for the scene: it can do anything."""
+    path = directory / folder.SCRIPT
+    if path.is_file() and path.read_bytes() == script.encode("utf-8"):
+        return
+    raise InputError(
+        f"{path} is not the script of {folder.SCENE}: it was changed, or another version of ffsi (or a FreeFEM with "
+        f"other solvers) has written it. Nothing was run; to start anew: ffsi run {directory / folder.SCENE} "
+        "--out OTHER_FOLDER"
+    )
+
+
+def _ends_early(result: Path) -> bool:
+    """Return whether a result says that the run was asked to stop, or died."""
+    try:
+        return result.is_file() and folder.read_json(result).get("failure") in RESUMABLE
+    except InputError:
+        return False

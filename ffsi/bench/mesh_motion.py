@@ -221,9 +221,10 @@ def frame(tracks: Sequence[Track]) -> pd.DataFrame:
     rows = []
     for track in tracks:
         for velocity, data in zip(track.sweep.velocities, track.points, strict=False):
-            solved = data["failure"] in ("", "check")
-            # Of a failed point min J stays, which tells why it failed.
-            known = {name: data["quantities"].get(name) for name in quantities if solved or name.startswith("min")}
+            known = {name: (data.get("quantities") or {}).get(name) for name in quantities}
+            # Of what a failed point has reached only min J stays, which tells why it failed.
+            reached = data.get("reached") or {}
+            known |= {f"reached_{name}": reached.get(name) for name in quantities if name.startswith("min")}
             rows.append(
                 {
                     "case": track.sweep.case,

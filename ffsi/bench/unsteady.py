@@ -20,11 +20,12 @@ from ffsi.bench import time_steps
 from ffsi.bench.costs import SOLVER, WORDS, marked
 from ffsi.folder import InputError
 from ffsi.freefem import FreeFEMError, FreeFEMNotFound, find_freefem
+from ffsi.record import begin, newest_checkpoint
 from ffsi.render import render
 from ffsi.result import load_result
 from ffsi.run import resume
 from ffsi.scene import Scene, load_scene
-from ffsi.timesteps import Checkpoint, newest_checkpoint, read_history
+from ffsi.timesteps import Checkpoint, read_history
 from ffsi.verification import TextTable, links, number, origin, prepare, publish
 from ffsi.verification.periodic_cases import PLAIN
 from ffsi.verification.periodic_runs import TimeRun, run_one
@@ -133,8 +134,11 @@ def start_from(source: Path, checkpoint: Checkpoint, scene: Scene, directory: Pa
     folder.prepare(directory)
     folder.write_text(directory / folder.SCRIPT, render(scene, mumps=find_freefem().has_mumps))
     folder.write_text(directory / folder.SCENE, scene.to_toml())
-    for name in (folder.TIME_HISTORY, folder.HISTORY, folder.STEPS, checkpoint.path.name):
+    for name in (folder.TIME_HISTORY, folder.HISTORY, checkpoint.path.name):
         shutil.copy(source / name, directory / name)
+    with (source / folder.STEPS).open(encoding="utf-8") as steps:  # its saved states stay where they are
+        folder.write_text(directory / folder.STEPS, steps.readline())
+    begin(directory, Checkpoint(directory / checkpoint.path.name, checkpoint.step, checkpoint.time))
 
 
 def measure(size: Size, step: str, count: int, source: Path, directory: Path) -> Steps:

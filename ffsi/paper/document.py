@@ -44,12 +44,13 @@ COLUMNS = (
     ("roof_ux", "roof_ux (m)", "{:.5g}"),
     ("roof_uy", "roof_uy (m)", "{:.5g}"),
     ("min_jacobian", "min_jacobian", "{:.4f}"),
+    ("reached_min_jacobian", "before the failure", "{:.4f}"),
     ("check_maximum", "check", "{:.0e}"),
 )
 COLUMNS_TEXT = (
     "`check` is the largest relative residual or difference that the independent checker finds, `min_jacobian` the "
-    "smallest det F in fluid mesh and solids. The tip is the middle of the flap's top, `roof` the middle of the roof's "
-    "wet side. All quantities are in the CSV files."
+    "smallest det F in fluid mesh and solids, of a point that failed that of the last state before. The tip is the "
+    "middle of the flap's top, `roof` the middle of the roof's wet side. All quantities are in the CSV files."
 )
 
 

@@ -17,10 +17,10 @@ from ffsi.result import Result, load_result
 from ffsi.run import OnEvent
 from ffsi.scene import Scene, load_scene
 
-SOLVED = ("", "check")  # failures of points that Newton's method has solved
+SOLVED = ("",)  # failures of points with values
 NOT_REACHED = "not-reached"
 LOCAL = ("seconds", "folder", "point")  # columns that differ from machine to machine or name a folder
-DEFINING = (MEAN_VELOCITY, "status", "reason", "failure")
+DEFINING = (MEAN_VELOCITY, "status", "checked", "reason", "failure")
 
 
 @dataclass(frozen=True)
@@ -46,15 +46,13 @@ class Outcome:
 
     @property
     def published(self) -> pd.DataFrame:
-        """The table without what belongs to one machine, and without the values of points that are no solution.
+        """The table without what belongs to one machine.
 
-        Of a failed point min J stays, which tells why it failed.
+        Of what a failed point has reached only min J stays, which tells why it failed.
         """
         names = [str(name) for name in self.table if name not in LOCAL]
-        values = [name for name in names if name not in DEFINING and not name.startswith("min_jacobian")]
-        table = self.table[names].copy()
-        table.loc[~table["failure"].isin(SOLVED), values] = None
-        return table
+        reached = "reached_"
+        return self.table[[name for name in names if reached not in name or name.startswith(f"{reached}min_jacobian")]]
 
     @property
     def end(self) -> tuple[float, str] | None:

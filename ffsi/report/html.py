@@ -178,6 +178,10 @@ def _in_time(result: Result) -> list[dict[str, str]]:
 
 
 def _sweep(directory: Path) -> Section:
+    from ffsi import study
+
+    if (directory / study.TABLE).is_file() and (wrong := study.problems(directory)):
+        raise InputError("; ".join(wrong))
     results = load_results(directory)
     keys = list((results[-1].data.get("varied") or {}).keys())
     table = _table(directory, results, keys)

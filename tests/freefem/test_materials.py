@@ -9,13 +9,13 @@ import pytest
 from conftest import scene_of
 
 from ffsi.freefem import run_script
+from ffsi.point import CHECKED
 from ffsi.rawfiles import read_mesh, read_state
 from ffsi.reference.from_scene import problem_from_scene
 from ffsi.reference.materials import IDENTITY, cofactor, determinant, dilatation
 from ffsi.reference.system import System
 from ffsi.render import parameters, render
 from ffsi.result import Result
-from ffsi.run import CHECKED
 from ffsi.scene import Scene
 from ffsi.scene.materials import MATERIALS, WithFormulation
 

@@ -133,9 +133,12 @@ def test_what_was_solved_before_the_collapse_is_kept(collapsed):
     assert (folder / "chain-001" / "point-0001.bin").is_file()
     assert (folder / "chain-001" / "failed.bin").is_file()
     assert table["check_maximum"][0] < 1e-8
-    # The row of the failed point holds the last converged state: between the two velocities.
-    assert table["tip_ux"][0] < table["tip_ux"][1]
-    assert np.isnan(table["tip_ux"][2])
+    # The row of the failed point has no quantities; what was reached, between the two velocities, has its own columns.
+    assert np.isnan(table["tip_ux"][1:]).all()
+    assert table["tip_ux"][0] < table["reached_tip_ux"][1]
+    assert 0.06 < table[f"reached_{VELOCITY}"][1] < 0.12
+    assert table["reached_load"][1] == 1
+    assert np.isnan(table["reached_tip_ux"][[0, 2]]).all()
 
 
 def test_points_that_failed_are_not_tried_again(collapsed):

@@ -16,6 +16,7 @@ from conftest import PLAIN
 import ffsi
 from ffsi import folder
 from ffsi.freefem import Event
+from ffsi.record import Recorder
 from ffsi.reference import check_run
 from ffsi.render import render
 from ffsi.result import Result, load_result
@@ -139,6 +140,7 @@ def test_a_script_killed_at_any_moment_comes_to_the_same_when_it_goes_on(tmp_pat
         assert process.poll() is None, "it ended before it could be killed"
         process.kill()
         process.wait()
+    Recorder(out).look()  # as Python does that watches it
     assert len((out / "history.csv").read_text().splitlines()) <= len(seconds)
     result = ffsi.resume(out)
     assert result.converged, result.reason

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ffsi import seals
 from ffsi.freefem import Completed, Event, FreeFEMError
 from ffsi.rawfiles import RawMesh, RawState, write_mesh, write_state
 from ffsi.scene import load_scene
@@ -97,10 +98,10 @@ def make_run(directory: Path, case: str = "flap-svk", **changes: Any) -> Path:
     (directory / "scene.toml").write_text(scene.to_toml())
     (directory / "newton.csv").write_text(NEWTON)
     data = json.loads(point) | {
-        "check": {"momentum": 1e-11, "continuity": 2e-12}, "failure": "", "check_failures": [],
-        "state": "point-0001.bin",
+        "check": {"momentum": 1e-11, "continuity": 2e-12}, "checked": True, "failure": "", "check_failures": [],
+        "state": "point-0001.bin", "files": seals.seal_all(directory, ("*",)),
     }  # fmt: skip
-    (directory / "result.json").write_text(json.dumps(data | changes))
+    seals.write(directory / "result.json", data | changes)
     return directory
 
 

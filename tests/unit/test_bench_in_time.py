@@ -118,7 +118,7 @@ def test_without_a_checkpoint_there_is_nothing_to_start_from(tmp_path, in_time, 
     bench.develop(SIZE, tmp_path)
     for name in folder.CHECKPOINTS:
         (tmp_path / "small-developed" / name).unlink(missing_ok=True)
-    with pytest.raises(InputError, match="holds no checkpoint"):
+    with pytest.raises(InputError, match="the checkpoint of t = 1 s is missing or was changed"):
         bench.measure(SIZE, "newton", 4, tmp_path / "small-developed", tmp_path / "newton")
 
 

@@ -109,7 +109,8 @@ def test_where_a_sweep_ends_stays_visible_and_is_no_failure(tmp_path, capsys, fr
     assert table["failure"].fillna("").tolist() == ["", "not-converged", "not-reached"]
     assert table["reason"][1] == "J too small"
     assert table["drag"].notna().tolist() == [True, False, False]
-    assert table["min_jacobian"].notna().tolist() == [True, True, False]
+    assert table["min_jacobian"].notna().tolist() == [True, False, False]
+    assert table["reached_min_jacobian"].notna().tolist() == [False, True, False]
     text = (tmp_path / "out" / "paper.md").read_text()
     assert "The sweep ended at 0.08 m/s: J too small. Points after it that were not tried: 1." in text
     assert "*Figure 3, at 0.04 m/s: velocity" in text
@@ -166,13 +167,17 @@ def test_the_highest_velocity_counts_and_not_the_last_row(tmp_path):
 
 
 def test_point_tables_leave_out_what_is_no_solution(tmp_path):
-    values = {"drag": [1e-3, 2e-3], "tip_ux": [0.1, 0.2], "min_jacobian": [0.5, 0.01], "roof_uy": [np.nan, np.nan]}
+    values = {"drag": [1e-3, None], "tip_ux": [0.1, None], "min_jacobian": [0.5, None], "roof_uy": [np.nan, np.nan]}
+    values |= {"reached_tip_ux": [None, 0.2], "reached_min_jacobian": [None, 0.01]}
     done = outcome(CASES[0].curve, tmp_path, steps=1, failure="not-converged", **values)
     text = document.point_table(done).markdown()
-    assert text.splitlines()[0] == "| v_mean (m/s) | drag (N/m) | tip_ux (m) | min_jacobian | check | status |"
+    assert (
+        text.splitlines()[0]
+        == "| v_mean (m/s) | drag (N/m) | tip_ux (m) | min_jacobian | before the failure | check | status |"
+    )
     assert rows_of(text) == [
-        ["0.01", "0.001", "0.1", "0.5000", "1e-11", "converged"],
-        ["0.02", "–", "–", "0.0100", "–", "failed (not-converged)"],
+        ["0.01", "0.001", "0.1", "0.5000", "–", "1e-11", "converged"],
+        ["0.02", "–", "–", "–", "0.0100", "1e-11", "failed (not-converged)"],
     ]
 
 

@@ -13,7 +13,7 @@ from units_scaling import FACTORS, in_units
 from ffsi import resolution, show
 from ffsi.freefem import FreeFEMError
 from ffsi.result import Result
-from ffsi.run import _Point
+from ffsi.point import Point
 from ffsi.scene import CASES, Scene, SceneError, load_scene, with_values
 from ffsi.study import row
 from ffsi.unsteady import energy_balance
@@ -233,7 +233,7 @@ def test_warnings_go_into_the_result_its_last_lines_and_the_table(tmp_path: Path
     scene = load_scene("turek-fsi3", ["time.step=0.08", "gravity.y=-9.81"])
     history = history_of(scene, 1.0).assign(min_jacobian=0.9, iterations=3, factorized=0, seconds=1.0)
     history.to_csv(tmp_path / "history.csv", index=False)
-    point = _Point(scene, tmp_path, 1, {"time.step": 0.08}, alone=False)
+    point = Point(scene, tmp_path, 1, {"time.step": 0.08}, alone=False)
     data = point.collect(FreeFEMError("crash", "killed"))
     hydrostatic, *others = data["warnings"]
     assert "outlet.hydrostatic" in hydrostatic
@@ -241,5 +241,5 @@ def test_warnings_go_into_the_result_its_last_lines_and_the_table(tmp_path: Path
     result = Result(scene, tmp_path, data)
     assert show.summary(result)[-len(data["warnings"]) :] == [f"warning: {text}" for text in data["warnings"]]
     assert row(result, {"time.step": 0.08}, tmp_path)["warnings"] == "; ".join(data["warnings"])
-    calm = _Point(CASES["turek-fsi1"], tmp_path / "calm", 1, {}, alone=True).collect(FreeFEMError("crash", "killed"))
+    calm = Point(CASES["turek-fsi1"], tmp_path / "calm", 1, {}, alone=True).collect(FreeFEMError("crash", "killed"))
     assert calm["warnings"] == []

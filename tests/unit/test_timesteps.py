@@ -13,7 +13,7 @@ from ffsi.rawfiles import read_arrays, write_arrays
 from ffsi.timesteps import (
     cut_back,
     keep_checkpoint,
-    newest_checkpoint,
+    read_checkpoint,
     read_history,
     read_saved_steps,
     seconds_of_run,
@@ -60,57 +60,37 @@ def test_histories_that_are_none(directory, text, message):
         read_history(directory)
 
 
-def test_the_newest_complete_checkpoint_is_taken(directory):
-    found = newest_checkpoint(directory)
-    assert found is not None
-    assert (found.path.name, found.step, found.time) == ("checkpoint-b.bin", 9, 0.1 * 9)
-
-
 @pytest.mark.parametrize("part", [0.0, 0.1, 0.5, 0.99])
-def test_a_checkpoint_that_was_cut_off_does_not_count(directory, part):
-    truncate(directory / "checkpoint-b.bin", part)
-    found = newest_checkpoint(directory)
+def test_a_checkpoint_that_was_cut_off_is_none(directory, part):
+    path = directory / "checkpoint-b.bin"
+    found = read_checkpoint(path)
     assert found is not None
-    assert found.step == 6
-    truncate(directory / "checkpoint-a.bin", part)
-    assert newest_checkpoint(directory) is None
+    assert (found.step, found.time) == (9, 0.1 * 9)
+    truncate(path, part)
+    assert read_checkpoint(path) is None
+    path.unlink()
+    assert read_checkpoint(path) is None
 
 
-def test_a_checkpoint_with_another_end_mark_or_version_does_not_count(directory):
+def test_a_checkpoint_with_another_end_mark_or_version_is_none(directory):
     path = directory / "checkpoint-b.bin"
     data = bytearray(path.read_bytes())
     for place in (8, -8):  # version, and the end mark
         spoiled = data.copy()
         spoiled[place if place > 0 else len(data) + place] += 1
         path.write_bytes(spoiled)
-        found = newest_checkpoint(directory)
-        assert found is not None
-        assert found.step == 6
-
-
-def test_a_checkpoint_beyond_the_history_does_not_count(directory):
-    lines = (directory / "history.csv").read_text().splitlines(keepends=True)
-    (directory / "history.csv").write_text("".join(lines[:8]))
-    found = newest_checkpoint(directory)
-    assert found is not None
-    assert found.step == 6
-    (directory / "history.csv").write_text("".join([lines[0], *(f"9{line}" for line in lines[1:])]))
-    assert newest_checkpoint(directory) is None  # its times are others
-    (directory / "history.csv").unlink()
-    assert newest_checkpoint(directory) is None
+        assert read_checkpoint(path) is None
 
 
 @pytest.mark.parametrize("name", ["checkpoint-a.bin", "checkpoint-b.bin"])
 def test_the_kept_checkpoint_gets_the_second_name(directory, name):
-    for other in {"checkpoint-a.bin", "checkpoint-b.bin"} - {name}:
-        (directory / other).unlink()
-    found = newest_checkpoint(directory)
+    found = read_checkpoint(directory / name)
     assert found is not None
     kept = keep_checkpoint(found)
     assert kept.name == "checkpoint-b.bin"
-    again = newest_checkpoint(directory)
+    again = read_checkpoint(kept)
     assert again is not None
-    assert (again.path, again.step) == (kept, found.step)
+    assert again.step == found.step
 
 
 @pytest.mark.parametrize("cut", [False, True])
@@ -144,7 +124,7 @@ def test_a_checkpoint_with_the_sums_of_a_cycle(directory, more, whole):
     head, times, *arrays, mark = read_arrays(directory / "checkpoint-b.bin", (int, float), more=float)
     sums = [np.ones(3)] * more
     write_arrays(directory / "checkpoint-b.bin", [head, times, *arrays, *sums, mark.view(np.int64)])
-    assert newest_checkpoint(directory).step == (9 if whole else 6)
+    assert (read_checkpoint(directory / "checkpoint-b.bin") is not None) == whole
 
 
 def test_saved_steps_need_both_files(directory):
