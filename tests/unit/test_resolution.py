@@ -12,8 +12,8 @@ from units_scaling import FACTORS, in_units
 
 from ffsi import resolution, show
 from ffsi.freefem import FreeFEMError
-from ffsi.result import Result
 from ffsi.point import Point
+from ffsi.result import Result
 from ffsi.scene import CASES, Scene, SceneError, load_scene, with_values
 from ffsi.study import row
 from ffsi.unsteady import energy_balance
