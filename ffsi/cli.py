@@ -128,7 +128,7 @@ def run(
     if not json:
         show.domain(scene)
     try:
-        with show.progress(scene.name) as on_event:
+        with machine.computing(directory), show.progress(scene.name) as on_event:
             result = solve(
                 scene,
                 directory,
@@ -137,7 +137,7 @@ def run(
                 threads=threads,
                 resume=resume is not None,
             )
-    except FreeFEMError as error:
+    except (FreeFEMError, machine.MachineError) as error:
         if json:
             sys.stdout.write(_crash_json(directory, scene.name, error))
         for warning in resolution.of_scene(scene):
@@ -239,7 +239,7 @@ def sweep(
     if not json and study.plan(scene, varied):  # which refuses keys and values that the scene does not accept
         show.domain(scene)
     try:
-        with show.progress(scene.name, len(study.points(varied))) as on_event:
+        with machine.computing(out), show.progress(scene.name, len(study.points(varied))) as on_event:
             table = study.sweep(scene, varied, out, jobs=jobs or 1, dask=dask, check=not no_check, on_event=on_event)
     except KeyboardInterrupt:
         show.note(f"interrupted; the same call goes on with what is missing in {out}")
@@ -353,6 +353,9 @@ def _call(arguments: Sequence[str] | None) -> int:
     except FreeFEMError as error:
         show.error(str(error))
         return BAD_INPUT if error.kind == "bad-input" else NO_FREEFEM
+    except machine.MachineError as error:
+        show.error(str(error))
+        return NO_FREEFEM
     except OSError as error:
         show.error(machine.words(error))
         return NO_FREEFEM if machine.ended(error) else BAD_INPUT

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ffsi import machine, reading
+from ffsi import reading
 from ffsi.reading import InputError as InputError
 from ffsi.text import cut
 
@@ -217,13 +217,14 @@ def is_held(directory: Path) -> bool:
 def write_text(path: Path, text: str) -> None:
     """Write `text` so that `path` holds either all of it or what it held before."""
     partial = path.with_name(f".{path.name}.{os.getpid()}.part")
-    with machine.writing(path):
-        try:
-            partial.write_text(text, encoding="utf-8")
-            partial.replace(path)
-        except OSError:
-            partial.unlink(missing_ok=True)  # on a full disk it only takes room
-            raise
+    try:
+        partial.write_text(text, encoding="utf-8")
+        partial.replace(path)
+    except OSError as error:
+        error.filename, error.filename2 = str(path), None  # a write that fails does not name its file
+        with contextlib.suppress(OSError):
+            partial.unlink()  # on a full disk it only takes room
+        raise
 
 
 def to_json(data: Any) -> str:

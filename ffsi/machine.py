@@ -7,6 +7,8 @@ import errno
 from collections.abc import Iterator
 from pathlib import Path
 
+from ffsi.text import cut
+
 _WORDS = {
     errno.ENOSPC: "the disk is full",
     errno.EDQUOT: "the disk quota is used up",
@@ -30,7 +32,24 @@ def words(error: OSError) -> str:
     reason = error.strerror or str(error)
     if error.errno in _WORDS:
         reason = f"{_WORDS[error.errno]} ({reason})"
-    return f"{error.filename}: {reason}" if error.filename else reason
+    return f"{cut(error.filename)}: {reason}" if error.filename else reason
+
+
+class MachineError(RuntimeError):
+    """A computation ended because the machine failed it; what it had written stays."""
+
+
+@contextlib.contextmanager
+def computing(directory: Path) -> Iterator[None]:
+    """Raise the system's errors during a computation in `directory` as MachineError: the input was good."""
+    try:
+        yield
+    except OSError as error:
+        if directory.exists():
+            ending = f"the computation in {cut(directory)} ends here, what it has written there stays"
+        else:
+            ending = f"the folder {cut(directory)} has gone while the computation was under way"
+        raise MachineError(f"{words(error)}; {ending}") from error
 
 
 @contextlib.contextmanager

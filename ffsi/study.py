@@ -415,6 +415,7 @@ def problems(directory: Path) -> list[str]:
 
 def _check_definition(directory: Path, definition: Mapping[str, Any]) -> None:
     """Refuse a folder with other content or another sweep; writes nothing."""
+    folder.check_writable(directory)
     if not directory.exists():
         return
     if not directory.is_dir():

@@ -1,0 +1,21 @@
+"""The command `ffsi`, also `python -m ffsi`: a machine on which it cannot even be loaded gets a message, too."""
+
+import sys
+
+
+def main() -> None:
+    """Load the command line and run it; always ends in SystemExit."""
+    try:
+        from ffsi.cli import main as command
+    except (ImportError, MemoryError, OSError) as error:  # a library that finds no memory is an ImportError
+        text = f"error: ffsi cannot be loaded: {error}; is its memory limited (ulimit -v), is a package missing?"
+        if sys.stderr is not None:
+            sys.stderr.write("".join(c if c.isprintable() else "?" for c in text) + "\n")
+        sys.exit(4)
+    except KeyboardInterrupt:
+        sys.exit(130)
+    command()
+
+
+if __name__ == "__main__":
+    main()
