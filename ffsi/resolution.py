@@ -30,7 +30,7 @@ _SIGNIFICANT = 0.01  # part of the largest force (displacement) below which its 
 _SAMPLES = 4000
 _SPACINGS = (1.0, 0.77, 0.37)  # of the differences of a waveform, in steps: one alone misses some frequencies
 _SHEDDING, _STROUHAL = 47.0, 0.2  # Reynolds number from which on a cylinder sheds vortices, and their frequency
-_ROUNDING = 1e-13  # part of the energy that the scene's data make up below which there is but rounding
+_NOISE = 1e-8  # part of the size, and of the forces that drive the scene, below which there is but noise of the steps
 
 
 def of_scene(scene: Scene) -> list[str]:
@@ -137,7 +137,7 @@ def _waveform(scene: Scene, ends: Array, steps: Array) -> str:
 def _motion(scene: Scene, history: pd.DataFrame, steps: Array) -> str:
     """Judge the forces and displacements: their second differences over the steps."""
     worst, name, at = 0.0, "", 0
-    for names in _signals(history):
+    for names, noise in _signals(scene, history):
         table = history[names].to_numpy(np.float64)[2:]  # the first steps are those of an impulsive start
         scale = float(np.abs(table).max(initial=0.0))
         for start in range(0, max(1, len(table) - _WINDOW // 2), _WINDOW // 2):
@@ -145,7 +145,7 @@ def _motion(scene: Scene, history: pd.DataFrame, steps: Array) -> str:
             if len(window) < _FEWEST:
                 continue
             amplitude = np.ptp(window, axis=0) / 2
-            for column in np.flatnonzero(amplitude > _SIGNIFICANT * scale):
+            for column in np.flatnonzero(amplitude > max(_SIGNIFICANT * scale, noise)):
                 change = math.sqrt(2.0) * _rms(np.diff(window[:, column], 2))
                 error = change / 12 / float(amplitude[column])
                 if error > worst:
@@ -158,10 +158,13 @@ def _motion(scene: Scene, history: pd.DataFrame, steps: Array) -> str:
     )
 
 
-def _signals(history: pd.DataFrame) -> list[list[str]]:
-    names = list(map(str, history.columns))
-    groups = [name for name in names if name.endswith(("_ux", "_uy"))], [n for n in names if n in ("drag", "lift")]
-    return [group for group in groups if group]
+def _signals(scene: Scene, history: pd.DataFrame) -> list[tuple[list[str], float]]:
+    """Return the displacements and the forces of the history, with the size (m, N/m) of what is but noise."""
+    names, size = list(map(str, history.columns)), _size(scene)
+    displacements = [name for name in names if name.endswith(("_ux", "_uy"))]
+    forces = [name for name in names if name in ("drag", "lift")]
+    found = [(displacements, _NOISE * size), (forces, _NOISE * _driving_energy(scene) / size)]
+    return [(group, noise) for group, noise in found if group]
 
 
 def _damping(scene: Scene, history: pd.DataFrame, steps: Array) -> str:
@@ -174,7 +177,8 @@ def _damping(scene: Scene, history: pd.DataFrame, steps: Array) -> str:
         found = metrics.mean_amplitude_frequency(history["time"], history[name])
     except ValueError:
         return ""
-    if not found.amplitude > _SIGNIFICANT * float(history[name].abs().max()):
+    noise = max(noise for names, noise in _signals(scene, history) if name in names)
+    if not found.amplitude > max(_SIGNIFICANT * float(history[name].abs().max()), noise):
         return ""
     step = float(np.median(steps[-_WINDOW:]))
     loss = (2 * math.pi) ** 2 * (scene.time.theta_of(step) - 0.5) * step * found.frequency
@@ -192,8 +196,10 @@ def _damping(scene: Scene, history: pd.DataFrame, steps: Array) -> str:
 def _energy(scene: Scene, energy: dict[str, float]) -> str:
     """Judge what the balance of the energy misses."""
     error = abs(energy.get("imbalance", 0.0))
-    if not error > ACCEPTED or abs(energy["work"]) <= _ROUNDING * _energy_of(scene):
+    if error <= ACCEPTED or abs(energy["work"]) <= _NOISE * _driving_energy(scene):
         return ""
+    if not math.isfinite(error):
+        return "the energy balance is no number"
     assert scene.time is not None
     # A coarse mesh of a flow loses some, too.
     finer = f", or mesh.level = {scene.mesh.level + 1}" if scene.fluid else ""
@@ -203,16 +209,21 @@ def _energy(scene: Scene, energy: dict[str, float]) -> str:
     return f"the energy balance misses {100 * error:.2g} % of the work done: {cure}{finer}"
 
 
-def _energy_of(scene: Scene) -> float:
-    """Return the energy that flow, gravity and strains of order 1 make up, J per metre depth."""
+def _driving_energy(scene: Scene) -> float:
+    """Return the energy that inflow, gravity and tractions make up over the domain, J per metre depth; 0 without."""
     areas = scene.exact_areas()
     speed = (scene.inflow.mean_velocity if scene.inflow else None) or 0.0
-    height = math.sqrt(sum(areas.values()))
-    specific = speed**2 + (math.hypot(scene.gravity.x, scene.gravity.y) * height if scene.gravity else 0.0)
+    weight = math.hypot(scene.gravity.x, scene.gravity.y) * _size(scene) if scene.gravity else 0.0
     densities = {"fluid": scene.fluid.density} if scene.fluid else {}
     densities |= {name: solid.density for name, solid in scene.solid.items()}
-    strain = sum(areas[name] * solid.lame[1] for name, solid in scene.solid.items())
-    return strain + specific * sum(areas[name] * density for name, density in densities.items())
+    mass = sum(areas[name] * density for name, density in densities.items())
+    load = math.hypot(scene.traction.x, scene.traction.y) if scene.traction else 0.0
+    return mass * (speed**2 + weight) + load * sum(areas.values())
+
+
+def _size(scene: Scene) -> float:
+    """Return the size of the domain, m."""
+    return math.sqrt(sum(scene.exact_areas().values()))
 
 
 def _rms(values: Array) -> float:
