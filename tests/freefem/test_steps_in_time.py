@@ -94,3 +94,13 @@ def test_an_inflow_that_passes_through_zero_is_checked(tmp_path, waveform):
     run = solve(scene, tmp_path / "run")
     assert run.converged, run.reason
     assert abs(run.scene.inflow.factor(np.array([0.2]))[0]) < 1e-15
+
+
+def test_steps_that_are_too_large_are_said(tmp_path, fine):
+    assert fine.warnings == []
+    small, large = swing(tmp_path, "small", "time.step=0.01"), swing(tmp_path, "large", "time.step=0.08")
+    print(f"errors {error(small, fine):.1e}, {error(large, fine):.1e}; {large.warnings}")
+    assert error(small, fine) < 0.02 < error(large, fine)
+    assert small.warnings == []
+    assert large.warnings
+    assert all("time.step = " in text for text in large.warnings)
