@@ -51,8 +51,8 @@ class Outlet:
     distal: float = 0.0
     compliance: float = 0.0
     backflow: float = 0.0
-    hydrostatic: bool = False
     ramp: Callable[[float], float] | None = None
+    hydrostatic: bool = False
 
     def __post_init__(self) -> None:
         """Refuse unknown kinds."""
