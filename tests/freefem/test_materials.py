@@ -107,7 +107,9 @@ class Fluxes:
         self.material = problem_from_scene(scene).solids[2].material
         columns = 5 if self.solid.mixed else 4
         line = "// " + "-" * 64
-        part = render(scene).partition(f"{line} solid {name}\n")[2].partition(line)[0]
+        text = render(scene)
+        logarithm = "func int LogarithmOfJ" + text.partition("func int LogarithmOfJ")[2].partition("\n}\n")[0] + "\n}\n"
+        part = logarithm + text.partition(f"{line} solid {name}\n")[2].partition(line)[0]
         numbers = [f"real {p.variable} = {p.value!r};" for p in parameters(scene) if p.key.startswith(f"solid.{name}.")]
         rows = np.concatenate(list(ARGUMENTS.values()))
         np.savetxt(folder / "arguments.txt", rows[:, :columns], fmt="%.17g")
