@@ -60,7 +60,7 @@ class Expectation:
     def holds(self, x: float) -> bool:
         """Return whether x lies where it must; NaN never does."""
         near = self.value is None or abs(x - self.value) <= max(self.within * abs(self.value), self.off)
-        return x == x and near and (self.above is None or x > self.above) and (self.below is None or x < self.below)
+        return near and (self.above is None or x > self.above) and (self.below is None or x < self.below)
 
     @property
     def text(self) -> str:

@@ -219,6 +219,17 @@ def test_a_fault_of_the_program_is_no_result_and_runs_again(runs, tmp_path, monk
     assert len(calls) == 2
 
 
+def test_what_was_killed_runs_again(runs, tmp_path, monkeypatch):
+    calls, done = runs
+    killed = {"failure": "crash", "reason": "FreeFEM died (killed): from outside"}
+    monkeypatch.setattr(done, "data", killed)
+    assert hard_runs.run(Entry("a-b", "", "cook"), tmp_path).failure == "crash"
+    monkeypatch.setattr(done, "data", killed | {"reason": "FreeFEM died (time-limit): 1 s"})
+    for _ in range(2):
+        assert "time-limit" in hard_runs.run(Entry("a-b", "", "cook"), tmp_path).reason
+    assert len(calls) == 2
+
+
 def test_what_nobody_checked_is_not_solved(runs, tmp_path, monkeypatch):
     _, done = runs
     monkeypatch.setattr(done, "data", {**done.data, "checked": False})
