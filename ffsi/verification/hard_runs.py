@@ -44,7 +44,7 @@ class Outcome:
         failure: as of a Result, or `REFUSED` or `ERROR`; of a sweep that of its first failed point.
         reason: of it, in words.
         warnings: what the program said beside the result.
-        rows: numbers (SI) of the run, or of each point of the sweep that was solved.
+        rows: numbers (SI) of the run, or of each point of the sweep: none of one that was not solved.
         seconds: of wall-clock time.
         freefem: version and solver.
     """
@@ -64,11 +64,12 @@ class Outcome:
         return {"freefem": dict(self.freefem or {})}
 
     def value(self, name: str, row: int | None = None) -> float:
-        """Return a number (SI) of a row, by default of the last one; NaN where there is none."""
+        """Return a number (SI) of a row, by default of the last solved one; NaN where there is none."""
+        solved = [point for point in self.rows if point]
         if name == "points":
-            return float(len(self.rows))
+            return float(len(solved))
         try:
-            found = self.rows[-1 if row is None else row].get(name)
+            found = (solved[-1] if row is None else self.rows[row]).get(name)
         except IndexError:
             found = None
         return math.nan if found is None else float(found)
@@ -165,10 +166,10 @@ def _single(entry: Entry, scene: Scene, directory: Path, on_event: OnEvent | Non
 def _sweep(entry: Entry, scene: Scene, directory: Path, on_event: OnEvent | None) -> dict[str, Any]:
     sweep(scene, entry.vary, directory, on_event=on_event)
     points = [point.data for point in load_results(directory)]
-    solved = [{**data["varied"], **_row(data)} for data in points if not data["failure"]]
+    rows = [{} if data["failure"] else {**data["varied"], **_row(data)} for data in points]
     failed = [data for data in points if data["failure"]]
     warnings = [text for data in points for text in data.get("warnings", [])]
-    return _told({**(failed or points)[0], "warnings": list(dict.fromkeys(warnings))}, solved)
+    return _told({**(failed or points)[0], "warnings": list(dict.fromkeys(warnings))}, rows)
 
 
 def _told(data: Mapping[str, Any], rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:

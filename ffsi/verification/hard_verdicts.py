@@ -59,7 +59,8 @@ def _of_failure(own: Outcome) -> str:
     entry = own.entry
     if entry.outcome in ("solves", "open"):
         return FAILED if entry.outcome == "solves" else NO_CLAIM
-    if re.search(entry.reason, own.reason.partition("; last progress")[0]):
+    said = [own.reason.partition("; last progress")[0], *own.warnings]
+    if any(re.search(entry.reason, text) for text in said):
         return REFUSED
     return FAILED if own.failure == "crash" else CAUSE
 
@@ -100,7 +101,7 @@ def _number(of: str, outcome: Outcome) -> float:
     if point is not None:
         return outcome.at(name, point)
     if form == "rise":
-        values = [outcome.value(name, i) for i in range(len(outcome.rows))]
+        values = [outcome.value(name, i) for i, point in enumerate(outcome.rows) if point]
         return float(np.diff(values).min()) if len(values) > 1 else math.nan
     if time is None and form != "max":
         return abs(outcome.value(name, row)) if form == "size" else outcome.value(name, row)

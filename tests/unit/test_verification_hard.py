@@ -115,6 +115,17 @@ def test_a_warning_that_is_there_is_enough():
     assert judge(replace(outcome(warns="time.step"), warnings=("time.step is too large",)), {}).word == SOLVED
 
 
+def test_a_point_that_is_not_solved_has_no_number():
+    rows = ({"drag": 2.0}, {}, {"drag": 2.0})
+    sweep = outcome("check", "x", rows=rows, expect=(Expectation("drag#1", value=2.0, within=0.1),), **SWEEP)
+    assert judge(sweep, {}).word == FAILED
+    assert judge(replace(sweep, failure=""), {}).word == WRONG
+
+
+def test_a_cause_may_stand_in_a_warning():
+    assert judge(replace(outcome("not-converged", "x", **EITHER), warnings=("it folds",)), {}).word == REFUSED
+
+
 def compared(own: float, other: float, failure: str = "", **expectation: object) -> str:
     entry = Entry("a-b", "", "cook", expect=(Expectation("drag", per="a-c", **expectation),))
     beside = Outcome(Entry("a-c", "", "cook"), hard_runs.Path("nowhere"), failure, rows=({"drag": other},))
@@ -166,10 +177,11 @@ def test_numbers_of_a_history(expectation, x):
 
 
 @pytest.mark.parametrize(
-    ("of", "x"), [("drag", 5.0), ("drag#0", 4.0), ("rise drag", -2.0), ("points", 3.0), ("size lift", 1.0)]
+    ("of", "x"),
+    [("drag", 5.0), ("drag#0", 4.0), ("drag#2", 2.0), ("rise drag", -2.0), ("points", 3.0), ("size lift", 1.0)],
 )
 def test_numbers_of_a_sweep(of, x):
-    rows = ({"drag": 4.0}, {"drag": 2.0}, {"drag": 5.0, "lift": -1.0})
+    rows = ({"drag": 4.0}, {}, {"drag": 2.0}, {"drag": 5.0, "lift": -1.0}, {})
     assert judge(outcome(rows=rows, expect=(Expectation(of, value=x, within=1e-9),)), {}).word == SOLVED
 
 
