@@ -308,7 +308,7 @@ def _run_on_dask(
         raise InputError(f"no dask scheduler at {address}: {error}") from error
     with client:
         jobs = [
-            client.submit(_run_remotely, scene.to_toml(), chain, str(path), check, pure=False)
+            client.submit(_run_remotely, tomli_w.dumps(scene.given()), chain, str(path), check, pure=False)
             for chain, path in zip(todo, folders, strict=True)
         ]
         for job in done(jobs):

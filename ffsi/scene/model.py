@@ -273,8 +273,14 @@ class Scene(Table):
         return self.geometry.probe_points if self.solid else {}
 
     def settled(self) -> Self:
-        """Return the scene with what was filled in as if it were given: it stays when other values change."""
-        return type(self).model_validate(self.model_dump(exclude_none=True))
+        """Return the scene with the formulations of its solids as if they were given.
+
+        They decide about the script, and would follow other values: in a sweep all points have those of its scene.
+        """
+        solids = {
+            name: type(solid).model_validate(solid.model_dump(exclude_none=True)) for name, solid in self.solid.items()
+        }
+        return self.model_copy(update={"solid": solids})
 
     def exact_areas(self) -> dict[str, float]:
         """Return the area in m^2 of every region, in the regions' order."""

@@ -4,6 +4,7 @@ import copy
 from typing import Any
 
 import pytest
+import tomli_w
 
 from ffsi.run import _chain_scenes
 from ffsi.scene import CASES, Scene, SceneError, load_scene, with_values
@@ -92,6 +93,12 @@ def test_sweeps_keep_what_the_scene_has() -> None:
     assert scene.settled() == scene
     scenes, _ = _chain_scenes(scene, [{"solid.flap.poisson_ratio": nu} for nu in (0.3, 0.495)])
     assert [point.solid["flap"].formulation for point in scenes] == ["displacement"] * 2
+    # What decides about the mesh and not about the script is as in a single run, here and on another machine.
+    low = {"geometry.flap_height": 0.1}
+    assert with_values(scene.settled(), low) == with_values(scene, low)
+    sent = Scene.from_toml(tomli_w.dumps(scene.settled().given()))
+    assert sent == scene
+    assert with_values(sent, low) == with_values(scene, low)
 
 
 @pytest.mark.parametrize("name", CASES)
