@@ -19,8 +19,10 @@ ALLOWED = 10.0
 """Accepted error of an ordinary step over its tolerance, which bounds the last correction and not what is left."""
 LARGEST = 100_000
 """Number of unknowns up to which the error of an ordinary step is computed: it takes a factorisation."""
-# Factors of an earlier step are good enough where they leave this part of an error, or rounding.
-_CONTRACTION, _NOISE = 0.3, 1e-11
+# Factors of an earlier step are good enough where they leave this part of an error.
+_CONTRACTION = 0.3
+# Largest relative residual of a step that is solved to round-off.
+_ROUND_OFF = 1e-8
 
 
 class Corrector:
@@ -31,7 +33,12 @@ class Corrector:
         self._factors: Factors | None = None
 
     def missing(self, system: System, state: RawState) -> float:
-        """Weighted root mean square of what is missing at the end of the system's step; infinite if it is not found."""
+        """Weighted root mean square of what is missing at the end of the system's step; infinite if it is not found.
+
+        It is zero where the step is solved to round-off: then corrections are noise.
+        """
+        if largest(compute_residual(system, state).relative.values()) <= _ROUND_OFF:
+            return 0.0
         if self._factors is not None and math.isfinite(found := self._missing(self._factors, system, state)):
             return found
         try:
@@ -48,7 +55,7 @@ class Corrector:
             correction = factors.correct(system, at, compute_residual(system, at))
             sizes.append(weighted(system, state, correction))
             at = moved(at, correction)
-        return sum(sizes) if sizes[1] <= max(_CONTRACTION * sizes[0], _NOISE) else math.inf
+        return sum(sizes) if sizes[1] <= _CONTRACTION * sizes[0] else math.inf
 
 
 def weighted(system: System, state: RawState, correction: RawState) -> float:
