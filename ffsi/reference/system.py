@@ -269,7 +269,7 @@ def _onto_circle(boundary: Boundary, points: Floats) -> Floats:
     *centre, radius = boundary.circle
     ray = points - np.array(centre)
     distance = np.hypot(ray[..., 0], ray[..., 1])
-    if (off := np.abs(distance[:, :2] / radius - 1.0).max()) > 1e-8:
+    if not (off := np.abs(distance[:, :2] / radius - 1.0).max()) <= 1e-8:
         raise ValueError(f"{boundary.name}: a vertex is {off:.1e} radii off the circle {boundary.circle}")
     displacement: Floats = ray[:, 2] * (radius / distance[:, 2:] - 1.0)
     return displacement

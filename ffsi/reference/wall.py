@@ -12,6 +12,7 @@ import numpy as np
 
 from ffsi.rawfiles import Floats, Ints, RawState, read_arrays
 from ffsi.reference.forces import side_flow
+from ffsi.reference.relative import largest, relative
 from ffsi.reference.system import FluidPart, Sides, System
 
 _SAME = 1e-9
@@ -37,7 +38,7 @@ class WallShear:
         """
         if (order := _order(nodes, self.nodes)) is None:
             return np.inf
-        return float(np.abs(stress[order] - self.stress).max() / (self.size.max() or 1.0))
+        return relative(largest(np.abs(stress[order] - self.stress).ravel()), float(self.size.max()))
 
 
 def wall_shear(system: System, state: RawState) -> WallShear | None:
@@ -132,15 +133,16 @@ class WallCycle:
         if abs(length - (self.end - self.start)) <= _SAME * length:
             parts = [each.integrals(self.start, self.end) for each in inside]
             integral, magnitude = (np.sum(part, axis=0) for part in zip(*parts, strict=True))
-            largest = magnitude.max() or 1.0
-            found.append(float(np.abs(self.integral[order] - integral).max() / largest))
-            found.append(float(np.abs(self.magnitude[order] - magnitude).max() / largest))
+            size = float(magnitude.max())
+            found.append(relative(largest(np.abs(self.integral[order] - integral).ravel()), size))
+            found.append(relative(largest(np.abs(self.magnitude[order] - magnitude)), size))
             highest = np.max([each.after.size for each in inside] + [inside[0].before.size], axis=0)
-            found.append(float((self.peak[order] - highest).max() / (highest.max() or 1.0)))
-        return float(np.max(found))  # unlike max(), it passes a NaN on
+            found.append(relative(largest(self.peak[order] - highest), float(highest.max())))
+        return largest(found)
 
     def _above_peak(self, step: Passage, order: Ints) -> float:
         """By how much a step inside of the cycle ends above the peak, relative to the largest size there."""
         if not step.end < self.end - _SAME * (self.end - self.start):
             return 0.0
-        return float(np.maximum(step.after.size - self.peak[order], 0.0).max() / (step.after.size.max() or 1.0))
+        above = largest(step.after.size - self.peak[order])
+        return relative(above, float(step.after.size.max()))

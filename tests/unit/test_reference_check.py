@@ -22,7 +22,7 @@ from ffsi.rawfiles import RawState, read_mesh, read_state, write_mesh, write_sta
 from ffsi.reference import check, terms
 from ffsi.reference.check import check_run, check_state
 from ffsi.reference.conditions import Outlet
-from ffsi.reference.forces import compute_forces
+from ffsi.reference.forces import Forces, compute_forces
 from ffsi.reference.from_scene import problem_from_scene
 from ffsi.reference.materials import MooneyRivlin, NeoHookean
 from ffsi.reference.problem import Boundary, MeshMotion, Solid
@@ -401,3 +401,23 @@ def test_prescribed_values_are_compared_on_their_own_scale_unless_they_are_round
     assert check._deviation(values, np.array([1e-3, 0.0]), given, old) == pytest.approx(1e-6)
     values[0] = 3e-17
     assert check._deviation(values, np.array([1e-17, 0.0]), given, old) == pytest.approx(2e-12)
+
+
+@pytest.mark.parametrize("jacobian", [-1.5, -0.29, -1e-300, 0.0, math.nan])
+def test_triangle_turned_inside_out_fails_whatever_the_residuals_say(jacobian):
+    def report(*jacobians):
+        found = [check._Findings({"dirichlet": 0.0}, each, Forces({}, None), " in step 7") for each in jacobians]
+        return check._report(found, 1e-8)
+
+    assert report(0.5, 1e-300).failures == []
+    for jacobians in ((jacobian,), (0.5, jacobian), (jacobian, 0.5)):
+        assert failing(report(*jacobians)) == {"min_jacobian"}
+        assert not report(*jacobians).min_jacobian > 0.0
+        assert "in step 7" in report(*jacobians).failures[0]
+
+
+@pytest.mark.parametrize("name", ["momentum", "dirichlet", "wall_difference", "quantities_difference", "step_error"])
+def test_number_that_is_none_fails_in_whatever_step(name):
+    for numbers in ((math.nan, 0.0), (0.0, math.nan), (math.inf, 0.0)):
+        found = [check._Findings({"dirichlet": 0.0, name: each}, 1.0, Forces({}, None), "") for each in numbers]
+        assert failing(check._report(found, 1e-8)) == {name}
