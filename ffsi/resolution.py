@@ -188,7 +188,7 @@ def _damping(scene: Scene, history: pd.DataFrame, steps: Array) -> str:
     other = ', or time.scheme = "shifted-crank-nicolson"' if first else ""
     needed = loss**2 / ACCEPTED if first else loss  # of first order: as many times more steps as it is too large
     return (
-        f"the scheme damps the motion: {name} loses about {100 * min(loss, 1.0):.2g} % of its amplitude in each "
+        f"the scheme damps the motion: {name} loses about {_hundredths(min(loss, 1.0))} % of its amplitude in each "
         f"period: {_smaller(scene, step, needed)}{other}"
     )
 
@@ -206,7 +206,7 @@ def _energy(scene: Scene, energy: dict[str, float]) -> str:
     cure = _smaller(scene, scene.time.step, error)
     if scene.inflow and scene.inflow.ramp is None and scene.inflow.mean_velocity and scene.inflow.factor(0.0) != 0:
         cure = f"it starts with a jump, inflow.ramp = {_digits(20 * scene.time.step, 0)} or more ends that; or {cure}"
-    return f"the energy balance misses {100 * error:.2g} % of the work done: {cure}{finer}"
+    return f"the energy balance misses {_hundredths(error)} % of the work done: {cure}{finer}"
 
 
 def _driving_energy(scene: Scene) -> float:
@@ -236,7 +236,7 @@ def _more(error: float) -> float:
 
 
 def _percent(error: float) -> str:
-    return f"an error of about {100 * error:.2g} %" if error < 0.2 else "they do not follow it at all"
+    return f"an error of about {_hundredths(error)} %" if error < 0.2 else "they do not follow it at all"
 
 
 def _smaller(scene: Scene, step: float, error: float) -> str:
@@ -249,3 +249,7 @@ def _digits(value: float, up: int) -> str:
     """Return a value with two digits, rounded down (or up)."""
     unit = 10.0 ** (math.floor(math.log10(value)) - 1)
     return f"{(math.floor(value / unit) + up) * unit:.2g}"
+
+
+def _hundredths(value: float) -> str:
+    return f"{float(f'{100 * value:.2g}'):g}"
