@@ -285,7 +285,9 @@ def check(
         try:
             reports.append((result, check_run(result.directory, result.scene, point=result.point)))
         except (ValueError, OSError) as error:  # its files do not fit together: damaged, or of another scene
-            problems.append(f"{result.directory}, point {result.point}: {error}")
+            if machine.ended(error):
+                raise
+            problems.append(f"{result.directory}, point {result.point}: {machine.words(error)}")
     passed = not problems and all(report.passed for _, report in reports)
     if json:
         sys.stdout.write(folder.to_json({"passed": passed, "problems": problems, "points": show.check_rows(reports)}))
@@ -360,7 +362,7 @@ def _call(arguments: Sequence[str] | None) -> int:
         show.error(machine.words(error))
         return NO_FREEFEM if machine.ended(error) else BAD_INPUT
     except MemoryError:
-        show.error("the memory ended; give more of it (ulimit -v), a coarser mesh or fewer --jobs")
+        show.error(machine.words(MemoryError()))
         return NO_FREEFEM
     except KeyboardInterrupt:
         return INTERRUPTED
@@ -377,7 +379,14 @@ def _finish(results: Sequence[Result], directory: Path) -> None:
             show.error(f"{result.reason}; what there is lies in {directory}")
         for note in result.not_evaluated:
             show.error(f"not evaluated: {words(note)}")
-    raise typer.Exit(worst([result.failure or ("not-evaluated" if result.not_evaluated else "") for result in results]))
+    raise typer.Exit(worst([result.failure or _not_evaluated(result) for result in results]))
+
+
+def _not_evaluated(result: Result) -> str:
+    """Return why a result is not whole: a fault of its evaluation, or a full disk or memory."""
+    if any(note.get("cause") == "machine" for note in result.not_evaluated):
+        return "crash"
+    return "not-evaluated" if result.not_evaluated else ""
 
 
 def _say_how_to_resume(scene: Scene, directory: Path) -> None:

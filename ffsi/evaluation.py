@@ -7,11 +7,13 @@ import math
 from collections.abc import Callable, Mapping
 from typing import TypeVar
 
+from ffsi import machine
+
 logger = logging.getLogger(__name__)
 
 T = TypeVar("T")
 Notes = list[dict[str, str]]
-"""What could not be evaluated and why, as in `result.json`: `what` and `why` of each."""
+"""What could not be evaluated, as in `result.json`: `what` and `why`, `cause` = "machine" for a full disk or memory."""
 Evaluations = dict[str, Callable[[], dict[str, T]]]
 """By what they are in words: functions that return values by name."""
 
@@ -22,7 +24,7 @@ def attempt(notes: Notes, what: str, evaluate: Callable[[], T]) -> T | None:
         return evaluate()
     except Exception as error:
         logger.debug("%s could not be evaluated", what, exc_info=True)
-        _note(notes, what, " ".join(str(error).split()) or type(error).__name__)
+        _note(notes, what, machine.words(error), "machine" if machine.ended(error) else "")
         return None
 
 
@@ -43,6 +45,6 @@ def words(note: Mapping[str, str]) -> str:
     return f"{note['what']}: {note['why']}"
 
 
-def _note(notes: Notes, what: str, why: str) -> None:
-    if (note := {"what": what, "why": why}) not in notes:
+def _note(notes: Notes, what: str, why: str, cause: str = "") -> None:
+    if (note := {"what": what, "why": why} | ({"cause": cause} if cause else {})) not in notes:
         notes.append(note)

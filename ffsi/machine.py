@@ -22,13 +22,17 @@ _WORDS = {
 }
 
 
-def ended(error: OSError) -> bool:
+def ended(error: BaseException) -> bool:
     """Tell whether an error is the machine's and not that of the name that was given."""
-    return error.errno in _WORDS
+    return isinstance(error, MemoryError) or (isinstance(error, OSError) and error.errno in _WORDS)
 
 
-def words(error: OSError) -> str:
+def words(error: BaseException) -> str:
     """Return file and reason."""
+    if isinstance(error, MemoryError):
+        return "the memory ended; give more of it (ulimit -v), a coarser mesh or fewer --jobs"
+    if not isinstance(error, OSError):
+        return " ".join(str(error).split()) or type(error).__name__
     reason = error.strerror or str(error)
     if error.errno in _WORDS:
         reason = f"{_WORDS[error.errno]} ({reason})"

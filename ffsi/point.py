@@ -10,12 +10,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ffsi import folder, resolution, seals, unsteady, vtu
+from ffsi import folder, machine, resolution, seals, unsteady, vtu
 from ffsi.evaluation import Notes, attempt, gather
 from ffsi.folder import InputError
 from ffsi.freefem import FreeFEMError
 from ffsi.result import Result, flatten
 from ffsi.scene import Scene
+from ffsi.shapes import read_table
 from ffsi.timesteps import write_steps_json
 
 logger = logging.getLogger(__name__)
@@ -110,19 +111,20 @@ class Point:
             return
         from ffsi.reference import check_run
 
-        begin = time.perf_counter()
+        begin, failure = time.perf_counter(), "check"
         try:
             report = check_run(self.directory, self.scene, point=self.number)
         except Exception as error:  # files or parameters that do not belong to this scene, or whatever stops it
             logger.debug("%s: the check stopped", self.directory, exc_info=True)
-            failures, reason = [str(error) or type(error).__name__], "the reference check could not be done"
+            failures, reason = [machine.words(error)], "the reference check could not be done"
+            failure = "crash" if machine.ended(error) else "check"
         else:
             data["check"] = {name: getattr(report, name) for name in CHECKED}
             failures, reason = list(report.failures), "the reference check disagrees"
         data["timings"]["check"] = seconds(time.perf_counter() - begin)
         if failures:
             data["check_failures"] = failures
-            data["status"], data["failure"] = "failed", "check"
+            data["status"], data["failure"] = "failed", failure
             data["reason"] = f"{reason}: {'; '.join(failures)}"
             set_aside(data, {})
             logger.error("%s: %s", self.directory, data["reason"])
@@ -179,8 +181,8 @@ class Point:
 
     def _chainseconds(self, timings: Mapping[str, float]) -> float:
         """Return what this point took: the script's clock since the point before it, and the check."""
-        before = self.directory / folder.numbered(folder.POINT, self.number - 1)
-        start = folder.read_json(before)["timings"].get("script", 0.0) if before.is_file() else 0.0
+        before = folder.numbered(folder.POINT, self.number - 1)
+        start = ((self._read(before) or {}).get("timings") or {}).get("script") or 0.0
         own = max(0.0, timings.get("script", start) - start)
         return seconds(own + timings.get("check", 0.0))
 
@@ -201,8 +203,8 @@ class Point:
         if not path.is_file():
             return None
         try:
-            return folder.read_json(path)
-        except InputError as error:
+            return read_table(path)
+        except (InputError, OSError) as error:
             logger.warning("%s", error)
             return None
 

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import io
 import json
 import math
 import os
 import stat
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ffsi.text import cut
 
+if TYPE_CHECKING:
+    import pandas as pd
+
 MEGABYTE = 1_000_000
+LONGEST_TABLE = 4000 * MEGABYTE
 _LONGEST_MESSAGE = 6000  # characters
 _DIGITS = 18  # of a whole number: what fits into 64 bits
 
@@ -82,6 +87,22 @@ def read_json(path: Path, *, finite: bool = True) -> Any:
         raise InputError(f"{path} is no valid JSON: the nesting is too deep") from None
     except ValueError as error:
         raise InputError(f"{path} is no valid JSON: {error}") from None
+
+
+def read_frame(path: Path) -> pd.DataFrame:
+    """Return the table in a CSV file with a head.
+
+    Raises:
+        InputError: as `read_text`; also if it is no such table.
+        OSError: as `read_bytes`.
+    """
+    import pandas as pd
+
+    text = read_text(path, LONGEST_TABLE)
+    try:
+        return pd.read_csv(io.StringIO(text), skipinitialspace=True)
+    except ValueError as error:
+        raise InputError(f"{path} is damaged: {error}") from error
 
 
 def _no_number(word: str) -> float:

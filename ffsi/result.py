@@ -20,8 +20,10 @@ from ffsi.domain import meshed
 from ffsi.evaluation import Evaluations, Notes
 from ffsi.fields import FLUID, Fields, FloatArray
 from ffsi.folder import InputError
+from ffsi.reading import read_frame
 from ffsi.references import Reference
 from ffsi.scene import Aneurysm, Scene, load_scene, with_values
+from ffsi.shapes import refuse_other_types
 from ffsi.timesteps import SavedStep, read_history, read_saved_steps
 
 if TYPE_CHECKING:
@@ -163,7 +165,9 @@ class Result:
         path = self.directory / folder.HISTORY
         if not path.is_file():
             raise InputError(f"{self.directory} holds no {folder.HISTORY}")
-        table = pd.read_csv(path, skipinitialspace=True)
+        table = read_frame(path)
+        if "point" not in table:
+            raise InputError(f"{path} is damaged: it has no column point")
         return table[table["point"] == self.point].reset_index(drop=True)
 
     @cached_property
@@ -431,6 +435,7 @@ def _load(directory: Path, point: int | None, believe: bool) -> Result:
     ):
         name = folder.numbered(folder.RESULT, point)
     data = folder.read_json(directory / name)
+    refuse_other_types(directory / name, data)
     if missing := [key for key in ("case", "status") if key not in data]:
         raise InputError(f"{directory / name} lacks {', '.join(missing)}")
     if name != folder.RESULT and data.get("point") != point:

@@ -37,6 +37,8 @@ def fits(path: Path, wanted: Mapping[str, Any]) -> bool:
     """Return whether a file holds what was sealed, and, unless it grows, nothing else."""
     try:
         size, digest = int(wanted["bytes"]), str(wanted["sha256"])
+        if not path.is_file() or not 0 <= size <= path.stat().st_size:  # nor is a pipe waited for
+            return False
         with path.open("rb") as file:
             begin = hashlib.sha256(file.read(size)).hexdigest()
             return begin == digest and (bool(wanted.get(_GROWS)) or not file.read(1))

@@ -13,8 +13,8 @@ _TEXTS = ("case", "status", "reason", "failure", "old", "new")
 _WHOLE = ("point", "step", "steps", "triangles", "unknowns")
 _REAL = ("level", "time", "k", "theta", "reached", "end", "seconds")
 _FLAT = ("newton", "timings", "check", "varied", "energy", "last", "windkessel")  # names and numbers
-_TABLES = (*_FLAT, "quantities", "parameters", "freefem", "regions")
-_LISTS = ("check_failures", "warnings", "cycles", "points", "boundaries")
+_TABLES = (*_FLAT, "quantities", "parameters", "freefem", "regions", "boundaries", "files")
+_LISTS = ("check_failures", "warnings", "cycles", "points", "not_evaluated")
 _NEVER_ABSENT = ("case", "status", "point", "steps", "points", "old", "new", "parameters", "k", "theta")
 
 
@@ -59,10 +59,12 @@ def _expected(key: str, value: Any) -> str:
         return "" if _is_number(value) else "a number"
     if key in _LISTS:
         return "" if isinstance(value, list) else "a list"
-    if key in _TABLES:
+    if key in _TABLES or key == "reached":
         if not isinstance(value, Mapping):
             return "a table"
-        if key in _FLAT and not all(item is None or _is_number(item) for item in value.values()):
+        if key in ("boundaries", "files") and not all(isinstance(item, Mapping) for item in value.values()):
+            return "a table of tables"
+        if (key in _FLAT or key == "reached") and not all(item is None or _is_number(item) for item in value.values()):
             return "a table of numbers"
         if key == "quantities" and not all(map(_is_quantity, value.values())):
             return "a table of numbers"

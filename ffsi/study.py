@@ -26,6 +26,7 @@ from ffsi.folder import InputError
 from ffsi.freefem import find_freefem, stop_all
 from ffsi.harvest import Values, chains_of, harvest, points_of
 from ffsi.point import CHECKED
+from ffsi.reading import LONGEST_TABLE, read_bytes
 from ffsi.render import is_runtime_parameter
 from ffsi.result import Result, flatten, load_results
 from ffsi.run import OnEvent, OnResult, run_chain
@@ -376,11 +377,11 @@ def _read_definition(directory: Path) -> dict[str, Any]:
         InputError: it is damaged.
     """
     path = directory / folder.SWEEP
-    data = path.read_bytes()
+    data = read_bytes(path, LONGEST_TABLE)
     head, _, text = data.partition(b"\n")
     try:
         found = tomllib.loads(data.decode("utf-8"))
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise InputError(f"{path} is damaged: {error}") from error
     if head != (_SUM + hashlib.sha256(text).hexdigest()).encode("ascii"):
         raise InputError(

@@ -16,6 +16,7 @@ import pandas as pd
 from ffsi import folder
 from ffsi.folder import InputError
 from ffsi.rawfiles import RawFileError, read_arrays
+from ffsi.reading import LONGEST_TABLE, read_text
 
 logger = logging.getLogger(__name__)
 
@@ -234,7 +235,7 @@ def _lines(path: Path) -> list[str]:
     """Return the complete lines of a file, none if it is not there."""
     if not path.is_file():
         return []
-    lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
+    lines = read_text(path, LONGEST_TABLE).splitlines(keepends=True)
     return lines if not lines or lines[-1].endswith("\n") else lines[:-1]
 
 

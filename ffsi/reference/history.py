@@ -1,11 +1,13 @@
 """The history of a run in time: one row of numbers for every step, complete and in order."""
 
 import csv
+import io
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from ffsi.reading import LONGEST_TABLE, read_text
 from ffsi.reference.step import Step
 
 # A time is the sum of the steps before it: its rounding, and this part of the step, may be missing.
@@ -34,11 +36,11 @@ class History:
         Raises ``ValueError`` with the number of the row where one is missing, twice there or out of order, or a cell is
         no finite number; and ``OSError`` if there is no such file.
         """
-        with path.open(encoding="utf-8", newline="") as file:
-            try:
-                head, *rows = csv.reader(file)
-            except (csv.Error, UnicodeDecodeError, ValueError) as error:
-                raise ValueError(f"{path}: no table ({error})") from error
+        text = read_text(path, LONGEST_TABLE)
+        try:
+            head, *rows = csv.reader(io.StringIO(text, newline=""))
+        except (csv.Error, ValueError) as error:
+            raise ValueError(f"{path}: no table ({error})") from error
         names = [name.strip() for name in head]
         if missing := {"time", "step"} - set(names):
             raise ValueError(f"{path}: no column {', '.join(sorted(missing))}")

@@ -20,12 +20,14 @@ from matplotlib.figure import Figure
 from ffsi import folder
 from ffsi.evaluation import Notes, attempt, words
 from ffsi.folder import InputError
+from ffsi.reading import read_frame, read_text
 from ffsi.references import references_for
 from ffsi.render import package_version
 from ffsi.report import blood, curves, figures, formulas
 from ffsi.report.tables import Rows, cell, with_unit
 from ffsi.result import Result, flatten, load_result, load_results, published_value, unit
 from ffsi.show import OUTCOMES, is_checked, tally, time_line
+from ffsi.text import printable
 from ffsi.unsteady import last_period, with_coefficients
 
 CAPTIONS = {
@@ -96,9 +98,14 @@ def write_report(directories: Iterable[str | Path], output: str | Path, title: s
 def _template() -> jinja2.Template:
     source = files("ffsi.report").joinpath("template.html").read_text(encoding="utf-8")
     environment = jinja2.Environment(
-        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
+        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True, finalize=_clean
     )
     return environment.from_string(source)
+
+
+def _clean(value: Any) -> Any:
+    """Return a text without control characters; it may be a name from a file."""
+    return printable(value) if type(value) is str else value
 
 
 def _run(result: Result) -> Section:
@@ -209,7 +216,7 @@ def _sweep(directory: Path) -> Section:
 def _planned(directory: Path) -> int:
     """Return the number of points that a sweep was to have."""
     try:
-        vary = tomllib.loads((directory / folder.SWEEP).read_text(encoding="utf-8")).get("vary", {})
+        vary = tomllib.loads(read_text(directory / folder.SWEEP)).get("vary", {})
     except ValueError as error:
         raise InputError(f"{directory / folder.SWEEP} is damaged: {error}") from error
     return math.prod(len(values) for values in vary.values())
@@ -220,7 +227,7 @@ def _table(directory: Path, results: Sequence[Result], keys: Sequence[str]) -> p
 
     path = directory / TABLE
     if path.is_file():
-        return pd.read_csv(path, keep_default_na=True)
+        return read_frame(path)
     return pd.DataFrame(
         [row(result, {key: result.data["varied"][key] for key in keys}, directory) for result in results]
     )

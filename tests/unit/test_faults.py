@@ -190,3 +190,23 @@ def test_the_version_is_told(capsys):
     code, out, err = call(capsys, "--version")
     assert (code, err) == (0, "")
     assert out.startswith("ffsi ") and out.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    "error", [MemoryError(), OSError(errno.ENOSPC, "No space left on device", "r/fields.vtu")], ids=["memory", "disk"]
+)
+def test_a_machine_that_fails_an_evaluation_or_the_check_is_no_failed_check(capsys, monkeypatch, freefem, check, error):
+    def fail(*_, **__):
+        raise error
+
+    with monkeypatch.context() as patched:
+        patched.setattr("ffsi.vtu.write_vtu", fail)
+        code, _, err = call(capsys, "run", "flap-svk", *LEVEL[:4], "--out", "a")
+    assert code == 4
+    assert "not evaluated: VTU: " in err and machine.words(error) in err
+    assert Path("a/result.json").is_file()
+    monkeypatch.setattr("ffsi.reference.check_run", fail)
+    code, _, err = call(capsys, "run", "flap-svk", *LEVEL, "--out", "b")
+    assert code == 4
+    assert "the reference check could not be done: " + machine.words(error) in err
+    assert Path("b/result.json").is_file()

@@ -254,3 +254,53 @@ def test_the_output_of_a_program_that_ends_with_a_broken_line_is_read():
         output.feed(io.BytesIO(b"@ffsi end status=converged").read())
         output.finish()
     assert output.end_status == "converged"
+
+
+# A run folder with values of another type -----------------------------------------------------------------------------
+
+WRONG = [None, [], {}, "x", -1, True, [1], {"a": "b"}, {"a": [1]}, 10**17]
+
+
+@pytest.mark.parametrize(
+    "key",
+    ["case", "status", "point", "quantities", "newton", "timings", "parameters", "check", "varied", "failure", "time"],
+)
+@pytest.mark.parametrize("name", ["result.json", "point-0001.json"])
+def test_a_value_of_another_type_is_no_fault_of_ffsi(capsys, name, key):
+    make_run(Path("r"))
+    data = json.loads(Path("r", name).read_text())
+    for value in WRONG:
+        Path("r", name).write_text(json.dumps(data | {key: value}))
+        for words in (["check", "r"], ["report", "r", "-o", "r.html"]):
+            with pytest.raises(SystemExit) as stopped:
+                main(words)
+            found = capsys.readouterr()
+            assert stopped.value.code in (0, 1, 2, 3), (value, found.err)
+            assert "a fault of ffsi" not in found.err and is_clean(found.err)
+
+
+def test_a_value_of_another_type_is_named_with_its_file():
+    path = make_run(Path("r"))
+    data = json.loads((path / "result.json").read_text())
+    from ffsi.result import load_result
+
+    for change, said in {
+        "point": ("x", "result.json is damaged: point is 'x', not a whole number"),
+        "timings": ({"mesh": "x"}, "timings is {'mesh': 'x'}, not a table of numbers"),
+        "quantities": ([1], "quantities is [1], not a table"),
+    }.items():
+        (path / "result.json").write_text(json.dumps(data | {change: said[0]}))
+        with pytest.raises(InputError) as caught:
+            load_result(path)
+        assert said[1] in str(caught.value)
+
+
+def test_a_checksum_is_not_asked_of_a_pipe_nor_of_more_bytes_than_there_are(tmp_path):
+    from ffsi import seals
+
+    os.mkfifo("pipe")
+    assert not seals.fits(Path("pipe"), {"bytes": 1, "sha256": ""})
+    Path("file").write_text("x")
+    assert seals.fits(Path("file"), seals.seal(Path("file")))
+    assert not seals.fits(Path("file"), seals.seal(Path("file")) | {"bytes": 10**18, "grows": True})
+    assert not seals.fits(Path("file"), seals.seal(Path("file")) | {"bytes": -1})
