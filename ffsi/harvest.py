@@ -31,8 +31,6 @@ def harvest(scene: Scene, chain: Path, keys: Sequence[str], *, check: bool = Tru
     Complete points that nobody checked are checked now. What is damaged, or was changed, is taken out, with a warning:
     the sweep solves it again, unless the result alone is damaged and can be made again from the script's files.
     """
-    if not (chain / folder.CHAIN).is_file():
-        return []
     try:
         with folder.held(chain):
             return list(_harvest(scene, chain, keys, check))

@@ -157,6 +157,14 @@ def newest_checkpoint(directory: Path) -> Checkpoint | None:
     raise InputError(f"{directory} cannot go on: {'; '.join(dict.fromkeys(wrong))}. {_advice(directory)}")
 
 
+def cut_tables(directory: Path, step: int) -> None:
+    """Take out of the tables what was not there at the checkpoint of a step, rows that somebody has added among it."""
+    entry = next(entry for entry in _read(directory)["checkpoints"] if entry["step"] == step)
+    for name, sealed in entry["tables"].items():
+        text = (directory / name).read_bytes()[: sealed["bytes"]]
+        folder.write_text(directory / name, text.decode("utf-8"))
+
+
 def has_ended(directory: Path) -> bool:
     """Return whether the script has written its last file, and all its files are those of the record."""
     try:

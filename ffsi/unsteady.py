@@ -16,7 +16,7 @@ from ffsi.evaluation import Notes, attempt
 from ffsi.folder import InputError
 from ffsi.freefem import Event
 from ffsi.metrics import Oscillation, Periodicity
-from ffsi.record import Recorder, begin, has_ended, newest_checkpoint
+from ffsi.record import Recorder, begin, cut_tables, has_ended, newest_checkpoint
 from ffsi.result import unit
 from ffsi.scene import Scene, load_scene
 from ffsi.timesteps import Checkpoint, cut_back, flaw, keep_checkpoint, read_history
@@ -326,6 +326,7 @@ def prepare_resume(scene: Scene, directory: Path, result: Path, script: str) -> 
         folder.clear(directory, keep=(*folder.DEFINITION, folder.LOGS))
         return {}
     folder.clear(directory, keep=(*folder.DEFINITION, folder.LOGS, *folder.IN_TIME, folder.HISTORY, folder.MESH))
+    cut_tables(directory, checkpoint.step)
     cut_back(directory, checkpoint.step)
     folder.write_text(directory / folder.STOP, _GO_ON)
     kept = keep_checkpoint(checkpoint)

@@ -1,13 +1,16 @@
 """Sweeps: reading the ranges, planning the chains, resuming."""
 
+import itertools
 import json
 import tomllib
+from pathlib import Path
 
 import pandas as pd
 import pytest
 
 from ffsi import study
 from ffsi.folder import InputError
+from ffsi.result import Result
 from ffsi.scene import SceneError, load_scene
 from ffsi.study import parse_all, parse_vary, plan, sweep
 
@@ -200,6 +203,103 @@ def test_chain_json_tells_the_points(tmp_path, freefem):
     sweep(SCENE, {"mesh.level": [0], KEY: [0.01, 0.02]}, tmp_path / "sweep")
     data = json.loads((tmp_path / "sweep" / "chain-001" / "chain.json").read_text())
     assert data == {"points": [{"mesh.level": 0, KEY: 0.01}, {"mesh.level": 0, KEY: 0.02}]}
+
+
+def result_of(directory: Path, failure: str, drag: float = 0.0, *, checked: bool = True) -> Result:
+    good = not failure
+    data = {"status": "converged" if good else "failed", "failure": failure, "varied": {KEY: 0.01}, "point": 1}
+    data |= {"quantities": {"drag": drag} if good else {}, "checked": good and checked, "digest": ""}
+    return Result(SCENE, directory, data)
+
+
+@pytest.mark.parametrize("worse", ["crash", "not-reached", "not-converged", "check", "stopped"])
+def test_a_failure_in_another_chain_never_replaces_a_result(tmp_path, worse):
+    for first, second in itertools.permutations(("", worse)):
+        table = study._Table(tmp_path, [KEY], [{KEY: 0.01}])
+        for number, failure in enumerate((first, second), start=1):
+            table.add(result_of(tmp_path / f"chain-{number:03d}", failure, 2.5))
+        assert table.write()["drag"].tolist() == [2.5]
+        assert table.write()["failure"].tolist() == [""]
+
+
+def test_of_two_results_the_checked_one_and_else_the_first_counts(tmp_path):
+    one, two = tmp_path / "chain-001", tmp_path / "chain-002"
+    for results, drag in (
+        ([result_of(one, "", 1.0, checked=False), result_of(two, "", 2.0)], 2.0),
+        ([result_of(two, "", 2.0), result_of(one, "", 1.0, checked=False)], 2.0),
+        ([result_of(one, "", 1.0), result_of(two, "", 2.0)], 1.0),
+        ([result_of(two, "", 2.0), result_of(one, "", 1.0)], 1.0),
+        ([result_of(one, "", 1.0), result_of(one, "", 3.0)], 3.0),  # made again in its place
+    ):
+        table = study._Table(tmp_path, [KEY], [{KEY: 0.01}])
+        for result in results:
+            table.add(result)
+        assert table.write()["drag"].tolist() == [drag]
+
+
+@pytest.mark.parametrize(
+    ("failure", "is_lead_in", "is_done"),
+    [
+        *(("", True, True), ("check", True, True), ("not-converged", False, True), ("not-reached", False, True)),
+        *(("crash", False, False), ("stopped", False, False)),
+    ],
+)
+def test_only_solved_points_lead_to_others(tmp_path, failure, is_lead_in, is_done):
+    table = study._Table(tmp_path, [KEY], [{KEY: 0.01}, {KEY: 0.02}])
+    table.add(result_of(tmp_path / "chain-001", failure))
+    assert table.converged() == ({(0.01,)} if is_lead_in else set())
+    assert table.done() == ({(0.01,)} if is_done else set())
+    rest = study.remaining(study.Chain(({KEY: 0.01}, {KEY: 0.02})), {(0.01,)}, table.converged())
+    assert rest is not None
+    assert rest.lead_in == (({KEY: 0.01},) if is_lead_in else ())
+
+
+def test_a_sweep_is_locked_for_the_whole_call(tmp_path, freefem):
+    refused = []
+
+    def again(event):
+        with pytest.raises(InputError, match=r"another ffsi is at work in .*sweep; wait for its end") as caught:
+            sweep(SCENE, {KEY: [0.01, 0.02]}, tmp_path / "sweep")
+        refused.append(caught)
+
+    table = sweep(SCENE, {KEY: [0.01, 0.02]}, tmp_path / "sweep", on_event=again)
+    assert len(refused) == 2
+    assert freefem.solved == [0.01, 0.02]
+    assert table["status"].tolist() == ["converged"] * 2
+    sweep(SCENE, {KEY: [0.01, 0.02]}, tmp_path / "sweep")
+
+
+def test_a_failed_point_has_no_quantities_but_what_was_reached(tmp_path, freefem):
+    freefem.fail = 0.02
+    table = sweep(SCENE, {KEY: [0.01, 0.02, 0.03]}, tmp_path / "sweep")
+    assert table["tip_ux"].notna().tolist() == [True, False, False]
+    assert table["reached_tip_ux"].notna().tolist() == [False, True, False]
+    assert list(table)[-4:] == ["check_maximum", "seconds", "folder", "point"]
+    data = json.loads((tmp_path / "sweep" / "chain-001" / "result-0002.json").read_text())
+    assert data["quantities"] == {}
+    assert data["reached"]["tip_ux"] == 0.01 * 0.02
+    assert data["reached"][KEY] == 0.02
+
+
+def test_what_failed_the_check_does_not_stand_among_the_quantities(tmp_path, freefem, check):
+    check.wrong = 0.02
+    table = sweep(SCENE, {KEY: [0.01, 0.02, 0.03]}, tmp_path / "sweep")
+    assert table["checked"].tolist() == [True, False, True]
+    assert table["drag"].notna().tolist() == [True, False, True]
+    assert table["reached_drag"].tolist()[1] == 0.04
+
+
+def test_what_nobody_checked_is_checked_by_the_next_call(tmp_path, freefem, check):
+    table = sweep(SCENE, {KEY: [0.01, 0.02]}, tmp_path / "sweep", check=False)
+    assert (table["status"].tolist(), table["checked"].tolist()) == (["converged"] * 2, [False] * 2)
+    sweep(SCENE, {KEY: [0.01, 0.02]}, tmp_path / "sweep", check=False)
+    assert check.calls == []
+    check.wrong = 0.02
+    table = sweep(SCENE, {KEY: [0.01, 0.02]}, tmp_path / "sweep")
+    assert check.calls == [(0.01, 1), (0.02, 2)]
+    assert freefem.solved == [0.01, 0.02]
+    assert table["checked"].tolist() == [True, False]
+    assert table["failure"].tolist() == ["", "check"]
 
 
 def _spy(method, after):
