@@ -170,13 +170,21 @@ class _Findings:
 
 
 def _examine(
-    system: System, state: RawState, reported: Mapping[str, Any], place: str = "", whole: bool = False
+    system: System,
+    state: RawState,
+    reported: Mapping[str, Any],
+    place: str = "",
+    whole: bool = False,
+    later: Mapping[str, Any] | None = None,
 ) -> _Findings:
-    """Examine a state; if its quantities are the ``whole`` of what is reported, none may be missing."""
+    """Examine a state; if its quantities are the ``whole`` of what is reported, none may be missing.
+
+    What is to be compared ``later`` says which of several equal places is meant.
+    """
     residual = compute_residual(system, state)
     forces = compute_forces(system, state, residual)
     numbers = residual.relative | {"dirichlet": _dirichlet(system, state)}
-    known, outlet = recompute(system, state, forces, reported), at_outlet(system, state)
+    known, outlet = recompute(system, state, forces, {**reported, **(later or {})}), at_outlet(system, state)
     if outlet:
         numbers["outlet_difference"] = compare(outlet, _only(reported, outlet), outlet).difference
     numbers |= _force_differences(known, reported)
@@ -212,7 +220,8 @@ def _examine_steps(directory: Path, scene: Scene, mesh: RawMesh, last: Mapping[s
         history.refuse_other(number, step)
         row, before, after = history.quantities(number), read_state(entry.old, mesh), read_state(entry.new, mesh)
         stepping = system.stepping(before, step, stored[number - 1])
-        found.append(_examine(stepping, after, entry.reported(row), f" in step {number} at {step.time:g} s"))
+        place, later = f" in step {number} at {step.time:g} s", last if entry is entries[-1] else None
+        found.append(_examine(stepping, after, entry.reported(row), place, later=later))
         accepted = scene.solver.step_tolerance or 0.0
         if not 0.0 <= entry.tolerance <= accepted * (1.0 + _SAME):
             text = f"step {number} was solved to {entry.tolerance!r}, solver.step_tolerance is {accepted!r}"

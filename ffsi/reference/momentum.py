@@ -112,27 +112,32 @@ def kinematics(system: System, nodes: Ints, u: Array, v: Array) -> Array:
     return terms.kinematics(increment.step, terms.Motion(u, v), old_motion(increment.old, nodes))
 
 
-def stress_work(system: System, state: RawState) -> dict[str, tuple[float, float]]:
+def stress_work(system: System, state: RawState, fluid_size: Floats, size: Floats) -> dict[str, tuple[float, float]]:
     """Work of the solids' and of the fluid's stress in a time step, J per metre depth, and the size of what is summed.
 
-    ``elastic`` is that on the displacement, ``dissipated`` that on the mean of both velocities.
+    ``elastic`` is that on the displacement, ``dissipated`` that on the mean of both velocities. The sizes (n2, 2) are
+    those of the momentum of the fluid and of all: what cancels in a stress is more than what is left of it.
     """
     if (increment := system.increment) is None:
         return {}
     step, old = increment.step, increment.old
     moved, travelled = state.u - old.u, step.k * step.mean(state.v, old.v)
-    elastic, dissipated = [np.zeros(1)], [np.zeros(1)]
+    elastic = dissipated = 0.0
     for solid in system.solids.values():
         nodes = solid.elements.nodes
         local = solid_momentum(system, solid, state.u[nodes], state.v[nodes], solid_pressure(solid, state))
-        elastic += [(local[name] * moved[nodes]).ravel() for name in local if name not in ("gravity", "inertia")]
+        elastic += sum(
+            float((local[name] * moved[nodes]).sum()) for name in local if name not in ("gravity", "inertia")
+        )
     if (fluid := system.fluid) is not None:
         elements, nodes = fluid.elements, fluid.elements.nodes
         flow = terms.Flow.at_points(elements, state.u[nodes], state.v[nodes], state.p[elements.vertices])
         local = fluid_momentum(system, fluid, state.u[nodes], state.v[nodes], flow)
-        dissipated += [(local[name] * travelled[nodes]).ravel() for name in ("pressure", "viscosity")]
-    parts = {"elastic": np.concatenate(elastic), "dissipated": np.concatenate(dissipated)}
-    return {name: (float(part.sum()), float(np.abs(part).sum())) for name, part in parts.items()}
+        dissipated += sum(float((local[name] * travelled[nodes]).sum()) for name in ("pressure", "viscosity"))
+    return {
+        "elastic": (elastic, float(((size - fluid_size) * np.abs(moved)).sum())),
+        "dissipated": (dissipated, float((fluid_size * np.abs(travelled)).sum())),
+    }
 
 
 def old_motion(old: RawState, nodes: Ints) -> terms.Motion:

@@ -16,6 +16,7 @@ from ffsi.reference.elements import Elements, p2_basis
 from ffsi.reference.forces import Forces, coefficient_scale
 from ffsi.reference.materials import IDENTITY, determinant, double_dot
 from ffsi.reference.relative import relative
+from ffsi.reference.sizes import momentum_sizes
 from ffsi.reference.system import System
 
 # Part of its size below which a quantity is rounding: times the tolerance, 1e-8, some rounding errors.
@@ -72,7 +73,7 @@ def energies(system: System, state: RawState, before: Mapping[str, float]) -> di
     for solid in system.solids.values():
         kinetic += 0.5 * solid.law.density * _squared_speed(solid.elements, state, solid.elements.weights)
     found = {"kinetic": Quantity.of(kinetic, kinetic)}
-    for name, (work, size) in momentum.stress_work(system, state).items():
+    for name, (work, size) in momentum.stress_work(system, state, *momentum_sizes(system, state)).items():
         if name in before:
             found[name] = Quantity.of(before[name] + work, abs(before[name]) + size)
     return found

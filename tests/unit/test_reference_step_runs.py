@@ -80,6 +80,26 @@ def test_run_folder_of_steps_is_checked(run):
     assert report.coefficient_difference < 1e-12
 
 
+def test_any_place_of_equal_jacobians_may_be_reported(tmp_path, solved_run):
+    scene = with_values(solved_run[0], {"inflow.mean_velocity": 0.0, "time.end": 0.05})
+    mesh = solved_run[1]
+    system = System.build(problem_from_scene(scene), mesh)
+    state, step = rest(system), Step(0.05, 0.55, 0.05)  # J = 1 everywhere
+    stepping = system.stepping(state, step)
+    quantities = quantities_of(stepping, state)
+    x, y = system.solids[2].elements.p1[2] @ mesh.vertices[system.solids[2].elements.vertices[3]]
+    assert quantities["min_jacobian_flap_x"] != x
+    write_mesh(tmp_path / "mesh.bin", mesh)
+    for name in ("old.bin", "new.bin", "point-0001.bin"):
+        write_state(tmp_path / name, state)
+    quantities |= {"min_jacobian_flap_x": float(x), "min_jacobian_flap_y": float(y)}
+    (tmp_path / "point-0001.json").write_text(json.dumps({"quantities": quantities}))
+    write_history(tmp_path, [history_row(step, stepping, state)])
+    entry = {"step": 1, "time": 0.05, "k": 0.05, "theta": 0.55, "old": "old.bin", "new": "new.bin"}
+    rewrite(tmp_path, [entry | {"quantities": {"drag": 0.0, "lift": 0.0}}])
+    assert check_run(tmp_path, scene).failures == []
+
+
 def test_worst_step_counts(run):
     directory, scene, entries = run
     drag = entries[0]["quantities"]["drag"]
