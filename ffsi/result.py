@@ -38,8 +38,6 @@ if TYPE_CHECKING:
 UNITS = {
     "drag": "N/m",
     "lift": "N/m",
-    "drag_surface": "N/m",
-    "lift_surface": "N/m",
     "pressure_drop": "Pa",
     "pressure_difference": "Pa",
     "outlet_pressure": "Pa",
@@ -50,7 +48,16 @@ UNITS = {
     "turnover_time": "s",
     "dome_displacement_max": "m",
 }
-FAMILIES = {"wss_": "Pa", "tawss_": "Pa", "rrt_": "1/Pa", "effective_stress_": "Pa"}
+FAMILIES = {
+    "drag_coefficient": "1",
+    "lift_coefficient": "1",
+    "drag_": "N/m",
+    "lift_": "N/m",
+    "wss_": "Pa",
+    "tawss_": "Pa",
+    "rrt_": "1/Pa",
+    "effective_stress_": "Pa",
+}
 """Units of quantities that exist for several parts, by how their names begin."""
 
 
@@ -515,4 +522,4 @@ def unit(quantity: str) -> str:
     for start, name_unit in FAMILIES.items():
         if name.startswith(start):
             return name_unit
-    return "m" if name.endswith(("_ux", "_uy")) else UNITS.get(name, "1")
+    return "m" if name.endswith(("_ux", "_uy", "_x", "_y")) else UNITS.get(name, "1")

@@ -8,10 +8,13 @@ from pathlib import Path
 from typing import Any
 
 import meshio
+import numpy as np
 import pint
 
 from ffsi.render import limits
-from ffsi.scene import MeshGeometry, Scene
+from ffsi.result import Result, unit
+from ffsi.run import solve
+from ffsi.scene import CASES, MeshGeometry, Scene, load_scene
 from ffsi.scene.flow import PROFILES, WOMERSLEY
 from ffsi.scene.waveforms import named_waveforms
 
@@ -72,3 +75,45 @@ def _divided(formula: str, factors: dict[str, float]) -> str:
         if factor != 1.0:
             formula = re.sub(rf"\b{name}\b", f"({name}/{factor!r})", formula)
     return formula
+
+
+def differences(scaled: Result, result: Result, length: float, mass: float, time: float) -> dict[str, float]:
+    """Return by how much a run in other units differs from the run: each field and quantity, relative to its size."""
+    assert scaled.converged, scaled.reason
+    assert result.converged, result.reason
+    found: dict[str, float] = {}
+    for field, of in {"displacement": "m", "velocity": "m/s", "pressure": "Pa"}.items():
+        here = getattr(result.fields, field)
+        there = getattr(scaled.fields, field) / factor_of(of, length, mass, time)
+        found[field] = float(np.nanmax(np.abs(there - here), initial=0.0)) / max(np.nanmax(np.abs(here)), 1e-300)
+    here, there = result.last_quantities, scaled.last_quantities
+    assert here.keys() == there.keys()
+    size = {"1": 1.0}  # of all in a unit: a lift that is rounding beside the drag is no size of its own
+    for name, value in here.items():
+        size[unit(name)] = max(size.get(unit(name), 0.0), abs(value))
+    for name, value in here.items():
+        other = there[name] / factor_of(unit(name), length, mass, time)
+        found[name] = abs(other - value) / max(size[unit(name)], 1e-300)
+    return found
+
+
+def first_steps(case: str, count: int) -> list[str]:
+    """Return the settings that end a case of the catalogue after some steps; none of a steady one."""
+    time = CASES[case].time
+    if time is None:
+        return []
+    end = f"{count * time.step!r}"
+    return [f"time.end={end}", f"time.output_interval={end}", "time.stop=end"]
+
+
+def compare(case: str, settings: list[str], length: float, mass: float, time: float, folder: Path) -> float:
+    """Solve a scene and the same in other units; return the largest difference, with the same iterations."""
+    scene = load_scene(case, settings)
+    result = solve(scene, folder / "here")
+    scaled = solve(in_units(scene, length, mass, time), folder / "there")
+    found = differences(scaled, result, length, mass, time)
+    worst = max(found, key=lambda name: found[name])
+    print(f"{case} with units of {length:g}, {mass:g}, {time:g}: {worst} {found[worst]:.1e}")
+    count = "iterations" if scene.time else "iteration"
+    assert scaled.history[count].tolist() == result.history[count].tolist()
+    return found[worst]

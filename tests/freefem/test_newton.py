@@ -108,7 +108,7 @@ def test_steps_with_a_too_small_jacobian_are_refused(solved):
     assert usual.quantities["min_jacobian"] < LIMIT - 0.05
     result = solved("flap-svk", *harmonic, f"solver.minimum_jacobian={LIMIT - 1e-9}")
     assert (result.status, result.failure) == ("failed", "not-converged")
-    assert result.quantities["min_jacobian"] > LIMIT - 1e-6
+    assert result.reached["min_jacobian"] > LIMIT - 1e-6
     accepted = result.history[result.history["step"] > 0]
     assert accepted["min_jacobian"].min() > LIMIT - 1e-6
     assert result.history["load"].iloc[-1] < 1

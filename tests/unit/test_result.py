@@ -130,7 +130,9 @@ def test_flatten_and_units():
     assert flatten(values) == {"drag_mean": 1.0, "drag_amplitude": 2.0, "lift": 3.0}
     units = {"drag": "N/m", "drag_mean": "N/m", "lift_amplitude": "N/m", "lift_frequency": "Hz", "tip_uy": "m"}
     assert {name: unit(name) for name in units} == units
-    assert unit("drag_coefficient") == "1"
+    assert unit("drag_coefficient") == unit("drag_coefficient_amplitude") == unit("min_jacobian_fluid") == "1"
+    assert unit("drag_cylinder") == unit("lift_surface") == unit("drag_flap_mean") == "N/m"
+    assert unit("min_jacobian_fluid_x") == "m"
 
 
 def test_json_is_strict_and_written_whole(tmp_path):
