@@ -21,6 +21,7 @@ from ffsi.record import newest_checkpoint
 from ffsi.result import Result, load_result, load_results
 from ffsi.scene import MeshGeometry, Scene, SceneError, load_scene
 from ffsi.streams import guarded
+from ffsi.text import nearest
 from ffsi.unsteady import STOPPED, check_resumable
 
 app = typer.Typer(
@@ -329,9 +330,10 @@ def doctor() -> None:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line; always ends in SystemExit."""
     log = logging.getLogger("ffsi")
-    handler = show.LogHandler(logging.WARNING)
+    handler, level = show.LogHandler(logging.INFO), log.level
     handler.addFilter(lambda record: record.name != "ffsi.run")  # its failures are printed here
     log.addHandler(handler)
+    log.setLevel(logging.INFO)
     try:
         with guarded() as stdout:
             code = _call(arguments)
@@ -341,6 +343,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
                 code = code or NO_FREEFEM
     finally:
         log.removeHandler(handler)
+        log.setLevel(level)
     sys.exit(code)
 
 
@@ -401,7 +404,9 @@ def _check_animation(scene: Scene, field: str) -> None:
     there = {"velocity": fluid, "pressure": fluid, "displacement": solid}
     known = [name for name, is_there in there.items() if is_there]
     if field not in known:
-        raise InputError(f"no animation of {field!r}; of this scene there is {', '.join(known)}")
+        guess = nearest(field, known)
+        hint = f' (did you mean "{guess}"?)' if guess else ""
+        raise InputError(f"no animation of {field!r}; of this scene there is {', '.join(known)}{hint}")
     if scene.time is None:
         raise InputError(f"{scene.name} is steady; there is nothing to animate")
     if scene.time.output_interval is None:

@@ -13,7 +13,7 @@ from typing import Any
 
 from ffsi import reading
 from ffsi.reading import InputError as InputError
-from ffsi.text import cut
+from ffsi.text import cut, nearest
 
 SCRIPT = "case.edp"
 SCENE = "scene.toml"
@@ -95,6 +95,13 @@ def is_run_folder(directory: Path) -> bool:
 def is_sweep_folder(directory: Path) -> bool:
     """Tell whether `directory` holds a sweep."""
     return (directory / SWEEP).is_file()
+
+
+def missing(directory: Path) -> str:
+    """Return the words for a folder that is not there, with the most similar name beside it."""
+    beside = sorted(path.name for path in directory.parent.glob("*/")) if directory.parent.is_dir() else []
+    guess = nearest(directory.name, beside)
+    return " (it does not exist" + (f'; did you mean "{cut(directory.parent / guess)}"?)' if guess else ")")
 
 
 def check_usable(directory: Path) -> None:

@@ -434,7 +434,7 @@ def load_result(directory: str | Path, point: int | None = None) -> Result:
 def _load(directory: Path, point: int | None, believe: bool) -> Result:
     if not folder.is_run_folder(directory):
         raise InputError(
-            f"{directory} is no run folder of ffsi" + ("" if directory.exists() else " (it does not exist)")
+            f"{directory} is no run folder of ffsi" + ("" if directory.exists() else folder.missing(directory))
         )
     name = folder.RESULT
     if point is not None and not (

@@ -97,11 +97,12 @@ def fault(error_of_ours: Exception) -> None:
 
 
 class LogHandler(logging.Handler):
-    """Prints warnings on stderr."""
+    """Prints warnings and remarks on stderr."""
 
     def emit(self, record: logging.LogRecord) -> None:
         """Print one."""
-        note(f"{record.levelname.lower()}: {cut(record.getMessage(), 2000)}")
+        mark = "" if record.levelno < logging.WARNING else f"{record.levelname.lower()}: "
+        note(mark + cut(record.getMessage(), 2000))
 
 
 def progress(case: str = "", points: int | None = None) -> ProgressDisplay:

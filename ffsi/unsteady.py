@@ -271,7 +271,7 @@ def check_resumable(directory: Path) -> Scene:
     if folder.is_sweep_folder(directory) or (directory / folder.CHAIN).is_file():
         raise InputError(f"{directory} belongs to a sweep; the same call of ffsi sweep goes on with it")
     if not folder.is_run_folder(directory):
-        missing = "" if directory.exists() else " (it does not exist)"
+        missing = "" if directory.exists() else folder.missing(directory)
         raise InputError(f"{directory} is no run folder of ffsi{missing}; there is nothing to resume")
     scene = load_scene(str(directory / folder.SCENE), [])
     _refuse_finished(scene, directory, directory / folder.RESULT)
@@ -319,10 +319,12 @@ def prepare_resume(scene: Scene, directory: Path, result: Path, script: str) -> 
     _refuse_finished(scene, directory, result)
     _refuse_other_script(directory, script)
     if has_ended(directory) and not _ends_early(result):
+        logger.info("%s: the computation is complete, only its evaluation is done again", directory)
         return None
     checkpoint = newest_checkpoint(directory)
     folder.keep_log(directory)
     if checkpoint is None:
+        logger.info("%s: no checkpoint is complete, starting over from t = 0 s", directory)
         folder.clear(directory, keep=(*folder.DEFINITION, folder.LOGS))
         return {}
     folder.clear(directory, keep=(*folder.DEFINITION, folder.LOGS, *folder.IN_TIME, folder.HISTORY, folder.MESH))

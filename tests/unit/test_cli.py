@@ -186,6 +186,13 @@ def test_check_reads_what_is_there(capsys, check):
     assert "r, point 1: momentum: the relative residual" in err
 
 
+def test_a_folder_that_is_not_there_is_answered_with_the_nearest_one(capsys):
+    make_run(Path("flap-run"))
+    code, _, err = call(capsys, "check", "flap-rum")
+    assert (code, 'did you mean "flap-run"?' in err) == (2, True)
+    assert 'did you mean "flap-run"?' in call(capsys, "run", "--resume", "flap-rn")[2]
+
+
 def test_check_without_a_solution_is_not_converged(capsys):
     make_run(Path("r"), status="failed", failure="not-converged", reason="J too small")
     code, _, err = call(capsys, "check", "r")

@@ -77,7 +77,8 @@ def test_a_killed_run_says_how_to_go_on_and_goes_on(capsys, in_time, check, scen
     assert code == 4
     assert "ffsi run --resume there goes on from t = 1 s" in err
     in_time.die = None
-    code, out, _ = call(capsys, "run", "--resume", "there")
+    code, out, err = call(capsys, "run", "--resume", "there")
+    assert "there: going on from t = " in err
     assert code == 0
     assert "t = 2 of 2 s, 40 steps" in out
     assert in_time.first_steps == [1, 21]
