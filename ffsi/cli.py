@@ -137,6 +137,7 @@ def run(
                 on_event=on_event,
                 threads=threads,
                 resume=resume is not None,
+                animate=animate,
             )
     except (FreeFEMError, machine.MachineError) as error:
         if json:
@@ -152,8 +153,8 @@ def run(
         sys.stdout.write(folder.to_json(result.data))
     else:
         show.result(result)
-    if animate is not None and len(result.saved_steps) > 1:
-        _animate(result, animate, directory / f"{animate}.gif")
+    if animate is not None and (directory / f"{animate}.gif").is_file():
+        show.note(f"wrote {directory / animate}.gif ({len(result.saved_steps)} frames)")
     if result.failure == STOPPED:
         _say_how_to_resume(scene, directory)
     _finish([result], directory)

@@ -169,6 +169,15 @@ class Point:
             if png is not None:
                 self.file(f"{name}.png").write_bytes(png)
 
+    def animate(self, data: dict[str, Any], field: str) -> None:
+        """Write the moving picture of a field, where two steps or more were saved; what cannot be done is noted."""
+        from ffsi.report.animation import write_animation
+
+        result, name = Result(self.scene, self.directory, data), f"{field}.gif"
+        with _drawing:
+            if len(result.saved_steps) > 1:
+                attempt(data["not_evaluated"], name, lambda: write_animation(result, field, self.file(name)))
+
     def save(self, data: dict[str, Any]) -> dict[str, Any]:
         """Write the result file, which seals all files that are read later; return its content."""
         if not self.alone:

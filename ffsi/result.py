@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from ffsi import folder, seals, vtu
 from ffsi.domain import meshed
-from ffsi.evaluation import Evaluations, Notes
+from ffsi.evaluation import Evaluations, Notes, words
 from ffsi.fields import FLUID, Fields, FloatArray
 from ffsi.folder import InputError
 from ffsi.reading import read_frame
@@ -110,6 +110,11 @@ class Result:
     def check_failures(self) -> list[str]:
         """What the reference checker objects to; empty if it passed or did not run."""
         return [str(item) for item in self.data.get("check_failures", [])]
+
+    @property
+    def verdict(self) -> str:
+        """The status, and whether a solved point was checked."""
+        return f"{self.status}, not checked" if self.converged and not self.checked else self.status
 
     @property
     def not_evaluated(self) -> Notes:
@@ -404,16 +409,21 @@ class Result:
             f"<tr><th>{html.escape(key)}</th><td>{value:.6g}</td><td>{html.escape(unit(key))}</td></tr>"
             for key, value in self.shown_quantities[1].items()
         )
-        heading = f"<p><b>{html.escape(self.title)}</b>: {html.escape(self.status)} {html.escape(self.reason)}</p>"
-        return f"{heading}<table>{rows}</table>{self._picture_html()}"
+        heading = f"<p><b>{html.escape(self.title)}</b>: {html.escape(self.verdict)} {html.escape(self.reason)}</p>"
+        notes = [*self.warnings, *(f"not evaluated: {words(note)}" for note in self.not_evaluated)]
+        remarks = "".join(f"<p>{html.escape(note)}</p>" for note in notes)
+        return f"{heading}{remarks}<table>{rows}</table>{self._picture_html()}"
 
     def _picture_html(self) -> str:
         from ffsi.report import figures
 
         if self.state_file is None:
             return ""
-        name = figures.available(self.fields)[0]
-        encoded = base64.b64encode(figures.to_png(self.picture(name))).decode("ascii")
+        try:
+            name = figures.available(self.fields)[0]
+            encoded = base64.b64encode(figures.to_png(self.picture(name))).decode("ascii")
+        except (ValueError, RuntimeError, OSError) as error:
+            return f"<p>no picture: {html.escape(str(error))}</p>"
         return f'<img style="max-width:100%" alt="{name}" src="data:image/png;base64,{encoded}">'
 
 

@@ -32,6 +32,7 @@ def solve(
     on_event: OnEvent | None = None,
     threads: int = 1,
     resume: bool = False,
+    animate: str | None = None,
 ) -> Result:
     """Solve one scene and leave its run folder behind.
 
@@ -46,6 +47,7 @@ def solve(
         on_event: called with every event that the script reports; in time also with `signal` (see `unsteady.Watch`).
         threads: threads of the linear algebra.
         resume: go on with the computation in time in `out`, which was killed or stopped, from its last checkpoint.
+        animate: `velocity`, `pressure` or `displacement`, of which the saved steps become a GIF.
 
     Returns:
         The Result; a scene that does not converge is a Result with status `failed`, not an exception.
@@ -69,6 +71,8 @@ def solve(
         died = None if arguments is None else _execute(scene, directory, installation, arguments, on_event, threads)
         data = point.judged(died, check)
         point.draw(data)
+        if animate is not None:
+            point.animate(data, animate)
         data["timings"]["total"] = seconds(time.perf_counter() - begin)
         data = point.save(data)
     if data["failure"] == "crash":

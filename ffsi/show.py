@@ -135,12 +135,11 @@ def result(done: Result) -> None:
     """Print quantities beside published values, Newton, check and where the files are."""
     console = _out()
     data = done.data
-    unchecked = done.converged and not is_checked(data)
-    style = "red" if not done.converged else "yellow" if unchecked else "green"
+    style = "red" if not done.converged else "green" if done.checked else "yellow"
     size = (
         f"level {data.get('level')}, {data.get('triangles') or '?'} triangles, {data.get('unknowns') or '?'} unknowns"
     )
-    console.print(text(data["case"], "bold"), text(done.status + ", not checked" * unchecked, style), text(f"({size})"))
+    console.print(text(data["case"], "bold"), text(done.verdict, style), text(f"({size})"))
     when, values = done.shown_quantities
     if values:
         published = {} if when.startswith("at") else references_for(done.scene)
@@ -166,11 +165,6 @@ def quantities(values: Mapping[str, float], published: Mapping[str, Reference], 
             cells += [f"{found[0]:.7g}", f"{100 * (value - found[0]) / abs(found[0]):+.3f} %"]
         table.add_row(*map(text, cells))
     return table
-
-
-def is_checked(data: Mapping[str, Any]) -> bool:
-    """Return whether the checker has passed the point whose `result.json` this is; never without a checksum."""
-    return bool(data.get("checked")) and "digest" in data
 
 
 def summary(done: Result) -> list[str]:

@@ -26,7 +26,7 @@ from ffsi.render import package_version
 from ffsi.report import blood, curves, figures, formulas
 from ffsi.report.tables import Rows, cell, with_unit
 from ffsi.result import Result, flatten, load_result, load_results, published_value, unit
-from ffsi.show import OUTCOMES, is_checked, tally, time_line
+from ffsi.show import OUTCOMES, tally, time_line
 from ffsi.text import printable
 from ffsi.unsteady import last_period, with_coefficients
 
@@ -114,7 +114,7 @@ def _run(result: Result) -> Section:
         title=result.title,
         description=result.scene.description,
         status=_status(result),
-        good=result.converged and is_checked(data) and not result.not_evaluated,
+        good=result.converged and result.checked and not result.not_evaluated,
         size=_size(data),
         reason=result.reason,
         quantities=_quantities(result),
@@ -321,7 +321,7 @@ def _formulas(result: Result) -> list[formulas.Remark]:
 
 def _status(result: Result) -> str:
     if result.converged:
-        return "solved and checked" if is_checked(result.data) else "solved, not checked"
+        return "solved and checked" if result.checked else "solved, not checked"
     return OUTCOMES.get(result.failure, "not converged")
 
 

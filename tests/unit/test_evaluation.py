@@ -4,10 +4,12 @@ import json
 from collections.abc import Callable
 
 import numpy as np
+import pandas as pd
 import pytest
-from run_folders import FakeCheck, FakeFreeFEM
+from run_folders import FakeCheck, FakeFreeFEM, make_run
+from time_folders import FakeTimeFreeFEM, scene_in_time
 
-from ffsi import run
+from ffsi import run, unsteady
 from ffsi.cli import main
 from ffsi.evaluation import Notes, attempt, gather
 from ffsi.folder import InputError
@@ -84,6 +86,35 @@ def test_it_is_said_and_ends_with_1(tmp_path, capsys, freefem: FakeFreeFEM, chec
     assert "not evaluated: picture of the velocity: no ink" in err and "drag" in out
     data = json.loads((tmp_path / "run" / "result.json").read_text())
     assert data["status"] == "converged" and data["quantities"]["drag"]
+
+
+def test_an_animation_that_fails_is_noted(tmp_path, capsys, in_time: FakeTimeFreeFEM, check, monkeypatch) -> None:
+    monkeypatch.setattr("ffsi.report.animation.write_animation", fails("no film"))
+    (tmp_path / "scene.toml").write_text(scene_in_time().to_toml())
+    with pytest.raises(SystemExit) as stopped:
+        main(["run", str(tmp_path / "scene.toml"), "--out", str(tmp_path / "run"), "--animate", "velocity"])
+    assert stopped.value.code == 1
+    assert "not evaluated: velocity.gif: no film" in capsys.readouterr().err
+    assert load_result(tmp_path / "run").not_evaluated == [{"what": "velocity.gif", "why": "no film"}]
+
+
+def test_a_history_with_gaps_has_no_means() -> None:
+    notes: Notes = []
+    time = 0.1 * np.arange(1, 40)
+    history = pd.DataFrame({"time": time, "step": 0.1, "lift": np.sin(6 * time), "min_jacobian": 0.5})
+    assert set(unsteady._quantities(history, notes)) == {"lift", "min_jacobian"} and notes == []
+    assert unsteady._quantities(history.drop(index=[30, 31]), notes) == {"min_jacobian": 0.5}
+    ((what, why),) = (note.values() for note in notes)
+    assert what == "mean, amplitude and frequency" and "rows are missing" in why
+
+
+def test_a_notebook_shows_what_is_missing(tmp_path) -> None:
+    folder = make_run(
+        tmp_path / "run", checked=False, warnings=["a long step"], not_evaluated=[{"what": "x", "why": "<y>"}]
+    )
+    shown = load_result(folder)._repr_html_()
+    for text in ("converged, not checked", "a long step", "not evaluated: x: &lt;y&gt;", "data:image/png"):
+        assert text in shown
 
 
 def test_a_check_that_breaks_keeps_the_solution(tmp_path, freefem: FakeFreeFEM, monkeypatch) -> None:
