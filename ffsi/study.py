@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import hashlib
 import itertools
 import logging
 import math
 import os
 import threading
-import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
@@ -20,23 +18,21 @@ from typing import Any
 import pandas as pd
 import tomli_w
 
-from ffsi import folder, unsteady
+from ffsi import definition, folder, unsteady
 from ffsi.evaluation import words
 from ffsi.folder import InputError
 from ffsi.freefem import find_freefem, stop_all
 from ffsi.harvest import Values, chains_of, harvest, points_of
 from ffsi.point import CHECKED
-from ffsi.reading import LONGEST_TABLE, read_bytes
 from ffsi.render import is_runtime_parameter
 from ffsi.result import Result, flatten, load_results
 from ffsi.run import OnEvent, OnResult, run_chain
-from ffsi.scene import MeshGeometry, Scene, load_scene, with_values
+from ffsi.scene import Scene, load_scene, with_values
 from ffsi.text import cut
 
 logger = logging.getLogger(__name__)
 
 TABLE = "sweep.csv"
-_SUM = "# sha256 "
 MAXIMUM_POINTS = 100_000
 MAXIMUM_DIGITS = 40
 _EXPONENTS = (-300, 300)
@@ -168,12 +164,12 @@ def sweep(
     scene = scene.settled()  # one script for the points of a chain, also where a default would follow a varied value
     chains = plan(scene, vary)
     directory = Path(out).absolute()
-    definition = _definition(scene, vary)
+    defined = definition.define(scene, vary)
     if dask is None:
         find_freefem()
-    with folder.held(directory, lambda path: _check_definition(path, definition)):
+    with folder.held(directory, lambda path: definition.check(path, defined)):
         if not folder.is_sweep_folder(directory):
-            _write_definition(directory, definition)
+            definition.write(directory, defined)
         table = _Table(directory, list(vary), points(vary))
         for chain in chains_of(directory):
             for result in harvest(scene, chain, list(vary), check=check):
@@ -357,39 +353,6 @@ def _run_one(
     run((*chain.lead_in, *chain.points), on_result=report)
 
 
-def _definition(scene: Scene, vary: Mapping[str, Sequence[float]]) -> dict[str, Any]:
-    table = {key: list(values) for key, values in vary.items()}
-    definition: dict[str, Any] = {"vary": table, "scene": tomllib.loads(scene.to_toml())}
-    if isinstance(scene.geometry, MeshGeometry):
-        definition["mesh"] = scene.geometry.digest  # the file may have changed
-    return definition
-
-
-def _write_definition(directory: Path, definition: Mapping[str, Any]) -> None:
-    text = tomli_w.dumps(definition)
-    folder.write_text(directory / folder.SWEEP, f"{_SUM}{hashlib.sha256(text.encode('utf-8')).hexdigest()}\n{text}")
-
-
-def _read_definition(directory: Path) -> dict[str, Any]:
-    """Return what `sweep.toml` holds; its first line, a comment, is the SHA-256 of the rest.
-
-    Raises:
-        InputError: it is damaged.
-    """
-    path = directory / folder.SWEEP
-    data = read_bytes(path, LONGEST_TABLE)
-    head, _, text = data.partition(b"\n")
-    try:
-        found = tomllib.loads(data.decode("utf-8"))
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{path} is damaged: {error}") from error
-    if head != (_SUM + hashlib.sha256(text).hexdigest()).encode("ascii"):
-        raise InputError(
-            f"{path} was changed after it was written, or is of an older version: its checksum does not fit"
-        )
-    return found
-
-
 def problems(directory: Path) -> list[str]:
     """Return what in a sweep's own files, `sweep.toml` and `sweep.csv`, does not fit the results in its chains.
 
@@ -399,7 +362,7 @@ def problems(directory: Path) -> list[str]:
     results = load_results(directory, believe=True)
     again = "; the same call of ffsi sweep mends it"
     try:
-        vary = _read_definition(directory)["vary"]
+        vary = definition.read(directory)["vary"]
         table = _Table(directory, list(vary), points(vary))
         for result in results:
             table.results[tuple(result.data["varied"][key] for key in vary)] = result
@@ -412,39 +375,6 @@ def problems(directory: Path) -> list[str]:
         return [str(error)]
     except (KeyError, TypeError, AttributeError) as error:
         return [f"{directory}: its results are not those of its {folder.SWEEP} ({error})"]
-
-
-def _check_definition(directory: Path, definition: Mapping[str, Any]) -> None:
-    """Refuse a folder with other content or another sweep; writes nothing."""
-    folder.check_writable(directory)
-    if not directory.exists():
-        return
-    if not directory.is_dir():
-        raise InputError(f"{directory} is a file; the sweep needs a folder")
-    if not folder.is_sweep_folder(directory):
-        if any(directory.iterdir()):
-            raise InputError(f"{directory} is not empty and holds no sweep; nothing was written. Give another folder")
-        return
-    folder.refuse_links(directory, ("*",))
-    there = _read_definition(directory)
-    if (key := _first_difference(there, definition)) is not None:
-        raise InputError(f"{directory} holds a sweep with another definition: {key}. Give another folder to keep both")
-
-
-def _first_difference(there: Any, here: Any, key: str = "") -> str | None:
-    if isinstance(there, Mapping) and isinstance(here, Mapping):
-        for name in dict.fromkeys([*there, *here]):
-            found = _first_difference(there.get(name), here.get(name), f"{key}.{name}" if key else str(name))
-            if found is not None:
-                return found
-        if key == "vary" and list(there) != list(here):
-            return f"vary is in the order {', '.join(there)} there and {', '.join(here)} here"
-        return None
-    return None if there == here else f"{key} is {_words(there)} there and {_words(here)} here"
-
-
-def _words(value: Any) -> str:
-    return "absent" if value is None else repr(value)
 
 
 def _folders(scene: Scene, directory: Path, todo: Sequence[Chain]) -> list[Path]:

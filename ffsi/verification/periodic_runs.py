@@ -153,7 +153,7 @@ def run_one(name: str, scene: Scene, directory: Path, on_event: OnEvent | None =
 
 
 def _state(scene: Scene, directory: Path) -> str:
-    """Return `new`, `begun` or `finished`; a failure of another script than the present one is to be tried again."""
+    """Return `new`, `begun` or `finished`; what another script than the present one has begun or failed is `new`."""
     if not folder.is_run_folder(directory):
         return "new"
     try:
@@ -162,12 +162,12 @@ def _state(scene: Scene, directory: Path) -> str:
     except SceneError:  # of a program with other keys
         return "new"
     result = directory / folder.RESULT
-    if not result.is_file():
-        return "begun" if scene.time is not None else "new"
-    failure = folder.read_json(result).get("failure")
+    failure = folder.read_json(result).get("failure") if result.is_file() else RESUMABLE[0]
+    if failure and _other_script(scene, directory):
+        return "new"
     if failure in RESUMABLE:
         return "begun" if scene.time is not None else "new"
-    return "new" if failure and _other_script(scene, directory) else "finished"
+    return "finished"
 
 
 def _other_script(scene: Scene, directory: Path) -> str:
