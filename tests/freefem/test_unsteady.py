@@ -99,7 +99,10 @@ def test_a_whole_run_is_checked_and_its_history_is_complete(whole):
 def test_outputs_are_at_their_times_and_at_the_end(whole):
     times = [step.time for step in whole.saved_steps]
     assert times == pytest.approx([0.07, 0.14, 0.21, 0.28, 0.3], abs=1e-14)
-    entries = json.loads((whole.directory / "steps.json").read_text())
+    listed = json.loads((whole.directory / "steps.json").read_text())
+    ordinary = [entry for entry in listed if "tolerance" in entry]
+    assert len(ordinary) >= 8 and {entry["tolerance"] for entry in ordinary} == {whole.scene.solver.step_tolerance}
+    entries = [entry for entry in listed if "tolerance" not in entry]
     for entry, row in zip(entries, whole.saved_steps, strict=True):
         at = whole.history.iloc[entry["step"] - 1]
         assert (at["time"], at["step"]) == pytest.approx((row.time, row.k), rel=1e-12)
@@ -114,6 +117,7 @@ def test_every_saved_step_solves_its_equations(whole):
     assert report.passed, report.failures
     checked = [report.momentum, report.continuity, report.kinematics, report.mesh_motion, report.drag_difference]
     assert all(value is not None and value < 1e-9 for value in checked)
+    assert 0 < report.step_error < 2  # of ordinary steps, over their tolerance
 
 
 def test_an_output_time_between_two_steps_is_hit(tmp_path):
