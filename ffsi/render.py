@@ -209,11 +209,11 @@ def _context(scene: Scene, mumps: bool) -> dict[str, Any]:
         "hyperelastic_motion": weakform.hyperelastic_motion(scene),
         "do_nothing": scene.outlet is not None and scene.outlet.kind != "zero-traction",
         "outlet_pressure": pressed,
-        # Between rigid walls a constant pressure does no work: the flow is solved without it, and it is added to what is written.
+        # Between rigid walls a constant pressure does no work: the flow is solved without it, what is written has it.
         "pressure_level": pressed and not scene.solid,
         "outlet_load": pressed and bool(scene.solid),
         "outlet_resistance": scene.outlet is not None and scene.outlet.kind in ("resistance", "windkessel"),
-        "hydrostatic": scene.outlet is not None and bool(getattr(scene.outlet, "hydrostatic", False)),
+        "hydrostatic": scene.outlet is not None and bool(scene.outlet.hydrostatic),
         "windkessel": scene.outlet is not None and scene.outlet.kind == "windkessel" and scene.time is not None,
         "backflow": scene.outlet is not None and scene.outlet.backflow is not None,
         "momentum": weakform.momentum(scene),
