@@ -14,8 +14,9 @@ import pandas as pd
 from ffsi import folder, metrics, resolution, seals
 from ffsi.evaluation import Notes, attempt
 from ffsi.folder import InputError
-from ffsi.freefem import Event
+from ffsi.freefem import Event, FreeFEMError
 from ffsi.metrics import Oscillation, Periodicity
+from ffsi.reading import MEGABYTE, read_text
 from ffsi.record import Recorder, begin, cut_tables, has_ended, newest_checkpoint
 from ffsi.result import unit
 from ffsi.scene import Scene, load_scene
@@ -100,14 +101,24 @@ class _Tail:
         self._offset = 0
 
     def read(self) -> tuple[str, Sequence[float], Sequence[float]]:
-        """Return the name of the signal that counts, the times (s) and its values up to now; without one no times."""
+        """Return the name of the signal that counts, the times (s) and its values up to now; without one no times.
+
+        Raises:
+            FreeFEMError: kind `disk-full`: a row is damaged.
+        """
         if self.path.is_file():
             with self.path.open("rb") as file:
                 file.seek(self._offset)
                 whole = file.read().rpartition(b"\n")
             self._offset += len(whole[0]) + len(whole[1])
             for line in whole[0].decode("utf-8", errors="replace").splitlines():
-                self._take(line.split(","))
+                try:
+                    self._take(line.split(","))
+                except (ValueError, IndexError, KeyError):
+                    text = f"row {len(self.times) + 1} of {self.path.name} is damaged"
+                    raise FreeFEMError(
+                        "disk-full", f"{text}: the disk was full for a while, or does not work"
+                    ) from None
         name = metrics.reference_column(pd.DataFrame(self._signals))
         return (name, self.times, self._signals[name]) if name else ("", [], [])
 
@@ -116,6 +127,8 @@ class _Tail:
             self._columns = {name: column for column, name in enumerate(cells)}
             self._signals = {name: [] for name in metrics.REFERENCES if name in self._columns}
         else:
+            if len(cells) != len(self._columns):
+                raise ValueError
             self.times.append(float(cells[0]))
             for name, values in self._signals.items():
                 values.append(float(cells[self._columns[name]]))
@@ -158,9 +171,9 @@ def complete(data: dict[str, Any], scene: Scene, directory: Path) -> None:
     last = data["quantities"]
     try:
         history = read_history(directory)
-    except InputError:  # it died before the first step
-        history = pd.DataFrame({"time": []})
-    wrong = flaw(history) if len(history) else ""
+        wrong = flaw(history) if len(history) else ""
+    except InputError as error:  # unless it died before the first step
+        history, wrong = pd.DataFrame({"time": []}), str(error)
     history = with_coefficients(scene, history) if not wrong else history[:0]
     reached = float(history["time"].iloc[-1]) if len(history) else 0.0
     data["quantities"] = _quantities(history, data.setdefault("not_evaluated", []))
@@ -173,10 +186,22 @@ def complete(data: dict[str, Any], scene: Scene, directory: Path) -> None:
     if wrong and not data["failure"]:
         data["status"], data["failure"] = "failed", "check"
         data["reason"] = f"{folder.TIME_HISTORY} cannot be believed: {wrong}"
+    if not data["failure"] and not ended and not _was_asked_to_stop(directory):
+        data["status"], data["failure"] = "failed", "check"
+        data["reason"] = (
+            f"{folder.TIME_HISTORY} ends at t = {reached:g} s although nothing has stopped the computation before "
+            f"{scene.time.end:g} s: rows are missing, the disk was full for a while or does not work"
+        )
     if not data["failure"] and not ended and not (data["time"]["periodic"] and scene.time.stop == "periodic"):
         data["status"], data["failure"] = "failed", STOPPED
         data["reason"] = f"stopped at t = {reached:g} s of {scene.time.end:g} s"
     data.setdefault("warnings", []).extend(resolution.of_history(scene, history, data["time"]["energy"]))
+
+
+def _was_asked_to_stop(directory: Path) -> bool:
+    """Tell whether anybody wanted a run to end before its end; without the file that says so, take it that way."""
+    stop = directory / folder.STOP
+    return not stop.is_file() or read_text(stop, MEGABYTE).strip() != _GO_ON.strip()
 
 
 def with_coefficients(scene: Scene, history: pd.DataFrame) -> pd.DataFrame:

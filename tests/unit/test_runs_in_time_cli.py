@@ -1,6 +1,7 @@
 """The command line, the report and the pictures of runs in time."""
 
 import io
+import json
 import re
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
@@ -257,3 +258,33 @@ def test_progress_of_a_sweep_in_time_counts_its_points():
 
 def test_progress_is_quiet_when_piped(capsys, in_time, check, scene_file):
     assert call(capsys, "run", scene_file, "--out", "there")[2] == ""
+
+
+@pytest.mark.parametrize("damage", ["cut", "mixed"])
+def test_rows_that_a_full_disk_has_cost_end_the_run_with_the_right_cause(capsys, in_time, check, scene_file, damage):
+    real = in_time._append
+
+    def append(path, *cells):
+        if path.name == "history.csv" and abs(cells[0] - 1.0) < 1e-9:
+            cells = cells[:3] if damage == "cut" else (*cells, *cells)
+        real(path, *cells)
+
+    in_time._append = append
+    code, _, err = call(capsys, "run", scene_file, "--out", "there")
+    assert code == 4
+    assert "row 20 of history.csv is damaged: the disk was full for a while" in err
+    assert "stopped at" not in err
+    assert json.loads(Path("there/result.json").read_text())["failure"] == "crash"
+
+
+def test_a_row_that_is_missing_is_not_taken_for_a_stop(capsys, in_time, check, scene_file):
+    real = in_time._append
+
+    def append(path, *cells):
+        if path.name != "history.csv" or cells[0] < 1.0:
+            real(path, *cells)
+
+    in_time._append = append
+    code, _, err = call(capsys, "run", scene_file, "--out", "there")
+    assert code != 0
+    assert "history.csv" in err
