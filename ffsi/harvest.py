@@ -45,6 +45,8 @@ def _harvest(scene: Scene, chain: Path, keys: Sequence[str], check: bool) -> Ite
     except InputError as error:
         logger.warning("%s; its points are solved again", error)
         folder.clear(chain)
+        with contextlib.suppress(OSError):  # files of somebody else stay
+            chain.rmdir()
         return
     for number, values in enumerate(known, start=1):
         result = _point(scene, chain, number, values, check)
