@@ -19,8 +19,8 @@ ALLOWED = 10.0
 """Accepted error of an ordinary step over its tolerance, which bounds the last correction and not what is left."""
 LARGEST = 100_000
 """Number of unknowns up to which the error of an ordinary step is computed: it takes a factorisation."""
-# Factors of an earlier step are good enough where they leave this part of an error.
-_CONTRACTION = 0.3
+# Factors of an earlier step are good enough where they leave this part of an error, after so many corrections at most.
+_LEFT, _CORRECTIONS = 0.05, 6
 # Largest relative residual of a step that is solved to round-off.
 _ROUND_OFF = 1e-8
 
@@ -49,13 +49,16 @@ class Corrector:
 
     @staticmethod
     def _missing(factors: Factors, system: System, state: RawState) -> float:
-        """Two corrections with kept factors; infinite if the second is not much smaller than the first."""
-        sizes, at = [], state
-        for _ in range(2):
+        """Correct with kept factors until little is left: how far that is; infinite if it takes too many."""
+        sizes: list[float] = []
+        at = state
+        while len(sizes) < _CORRECTIONS:
             correction = factors.correct(system, at, compute_residual(system, at))
             sizes.append(weighted(system, state, correction))
             at = moved(at, correction)
-        return sum(sizes) if sizes[1] <= _CONTRACTION * sizes[0] else math.inf
+            if len(sizes) > 1 and sizes[-1] <= _LEFT * sizes[0]:
+                return weighted(system, state, moved(at, state, -1.0))
+        return math.inf
 
 
 def weighted(system: System, state: RawState, correction: RawState) -> float:
