@@ -28,6 +28,19 @@ def error(result: Result, fine: Result) -> float:
     return float(np.abs(history["tip_uy"] - at).max() / np.abs(exact["tip_uy"]).max())
 
 
+def test_ordinary_steps_are_kept_for_the_checker(fine):
+    """Eight to sixteen, all over the run: of each stretch the step with the most iterations, the first of equals."""
+    rows = pd.read_csv(fine.directory / "steps.csv", skipinitialspace=True)
+    ordinary = rows[rows["tolerance"] > 0]
+    assert (ordinary["tolerance"] == fine.scene.solver.step_tolerance).all()
+    assert len(rows) == len(ordinary) + 1  # and the end
+    iterations = fine.history["iterations"].iloc[:-1].set_axis(range(1, len(fine.history)))
+    stretches = [iterations.iloc[start : start + 16] for start in range(0, len(iterations), 16)]
+    assert 8 <= len(stretches) <= 16
+    assert ordinary["step"].tolist() == [part.idxmax() for part in stretches]
+    assert any(part.min() < part.max() for part in stretches)
+
+
 def test_steps_follow_the_accepted_error_and_hit_the_outputs(tmp_path, fine):
     words = "time={{step=0.05, end=0.4, adaptive=true, error={}, output_interval=0.1}}"
     runs = [swing(tmp_path, f"error-{tolerance}", words.format(tolerance)) for tolerance in (1e-2, 1e-3)]

@@ -29,7 +29,7 @@ STEPS = [
     *("time.output_interval=0.07", "time.checkpoint_interval=0.08"),
 ]
 # Share of the steps after which the script is killed, and the part of a step that it is let go on.
-MOMENTS = np.random.default_rng(20).uniform((0.0, 0.0), (0.85, 1.0), (10, 2)).tolist()
+MOMENTS = np.random.default_rng(20).uniform((0.0, 0.0), (0.85, 1.0), (5, 2)).tolist()
 
 
 def fsi3(*settings: str) -> Scene:
