@@ -109,7 +109,9 @@ def test_a_far_too_strong_load_fails_with_the_last_good_state(tmp_path, case):
     assert float(found[2]) < 2.01e-3 * result.scene.time.step
     assert "J = det F" in found[3]
     folds = re.search(r"the (?P<place>fluid mesh) folds at \(\S+, \S+\): J = (?P<J>[^;]+)", found[3])
-    small = re.search(r"last good state: smallest J (?P<J>\S+), in the (?P<place>solid beam) at \(\S+, \S+\)$", found[3])
+    small = re.search(
+        r"last good state: smallest J (?P<J>\S+), in the (?P<place>solid beam) at \(\S+, \S+\)$", found[3]
+    )
     worst = folds or small
     assert worst, result.reason
     assert worst["place"] == PLACE[case]

@@ -1,6 +1,7 @@
 """Steps in time: chosen by their local error, and the balance of the energy over them."""
 
 import numpy as np
+import pandas as pd
 import pytest
 from conftest import PLAIN
 
