@@ -94,6 +94,8 @@ def told(scene: Scene, *, hold: bool = False) -> str:
     """
     text = render(scene)
     pressures = scene.fluid or any(law.mixed for law in scene.solid.values())
+    units = "real unitTime = unitLength/unitVelocity"  # what is told is in SI, and so has the script to be
+    text = replaced(text, units, f"unitLength = 1; unitVelocity = 1; unitPressure = 1;\n{units}")
     text = replaced(text, "BuildMesh(StageLevel(0));\n", 'Th = readmesh("told.msh");\n')
     text = replaced(text, "  CheckMesh();\n", "")
     names = [(name, component) for name in ("exact", "sources") for component in ("ux", "uy", "vx", "vy")]
