@@ -153,7 +153,7 @@ def test_wall_shear_stress_of_a_carreau_fluid_balances_the_pressure(tmp_path: Pa
     scene = Scene.model_validate({
         "name": "carreau-channel",
         "geometry": {"kind": "channel", "length": 11e-3, "height": 2e-3},
-        "mesh": {"level": 0, "body_size": 0.03e-3, "far_size": 0.4e-3, "growth": 0.3},
+        "mesh": {"level": 0, "body_size": 0.03e-3, "far_size": 0.35e-3, "growth": 0.3},
         "fluid": {"law": "carreau", "density": 1035.0},
         "inflow": {"mean_velocity": 0.0032008878},
         "outlet": {"kind": "do-nothing"},

@@ -69,7 +69,7 @@ def test_the_script_s_formulas(law, installation, tmp_path):
     numbers = [f"real {p.variable} = {p.value!r};" for p in parameters(scene) if p.key.startswith("fluid.")]
     script = tmp_path / "case.edp"
     script.write_text("\n".join([
-        *numbers, f"real[int] rates = [{', '.join(map(repr, RATES.tolist()))}], work(rates.n);",
+        "real unitTime = 1;", *numbers, f"real[int] rates = [{', '.join(map(repr, RATES.tolist()))}], work(rates.n);",
         "func int SquaredShearRate() { work = rates.*rates; return 0; }", part,
         'Viscosity(3); ofstream out("viscosity.txt"); out.precision(17);',
         "for (int i = 0; i < rates.n; ++i) out << work[i] << \" \" << viscosityAt(rates[i]^2) << endl;",
