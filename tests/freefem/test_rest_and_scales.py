@@ -190,3 +190,11 @@ def test_newton_goes_on_until_the_tolerance(case):
     tolerance = float(residuals[residuals > 1e-9][-1]) / 10
     last = run(case, f"solver.tolerance={tolerance!r}").history["residual"].iloc[-1]
     assert last <= tolerance
+
+
+def test_a_point_further_on_starts_on_the_line_through_the_last_two(tmp_path):
+    """A slow flow is linear: the start of the third point is its solution, although its step is four times as long."""
+    ffsi.sweep(load_scene("turek-cfd1", COARSE), {"inflow.mean_velocity": [1e-6, 2e-6, 6e-6]}, tmp_path)
+    (history,) = tmp_path.rglob("newton.csv")
+    first = pd.read_csv(history).groupby("point")["residual"].first()
+    assert first[3] < 1e-3 < 0.1 < first[1]
