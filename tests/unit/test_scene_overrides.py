@@ -191,8 +191,8 @@ def test_mesh_motion_has_three_kinds() -> None:
         "flap-svk": "hyperelastic", "flap-neo-hookean": "hyperelastic", "flap-mooney-rivlin": "hyperelastic",
         "flap-neo-hookean-roof": "hyperelastic", "flap-mooney-rivlin-roof": "hyperelastic",
         "turek-fsi1": "harmonic", "cavity-flexible-floor": "harmonic",
-        "turek-fsi2": "linear-elastic", "turek-fsi3": "linear-elastic", "aneurysm": "harmonic",
-        "aneurysm-carreau": "harmonic", "aneurysm-pulsatile": "harmonic",
+        "turek-fsi2": "linear-elastic", "turek-fsi3": "linear-elastic", "aneurysm": "hyperelastic",
+        "aneurysm-carreau": "hyperelastic", "aneurysm-pulsatile": "harmonic",
     }  # fmt: skip
     for name in ("harmonic", "linear-elastic", "hyperelastic"):
         scene = load_scene("turek-fsi1", [f"mesh_motion.kind={name}", "mesh_motion.distance_exponent=1.5"])
