@@ -225,6 +225,12 @@ def test_what_a_script_has_written_to_its_end_is_read_only_if_it_is_whole(in_tim
         assert in_time.first_steps == [41]
 
 
+@pytest.fixture(autouse=True)
+def no_pictures(monkeypatch):
+    """Pictures take longer than all the rest, and nothing here looks at them."""
+    monkeypatch.setattr("ffsi.report.figures.to_png", lambda *arguments, **options: b"")
+
+
 @pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize("name", SWEEP)
 def test_a_damaged_sweep_is_noticed_and_mended(capsys, tmp_path, freefem, made, copy_of, name, way):

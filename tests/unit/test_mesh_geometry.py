@@ -10,8 +10,8 @@ import pytest
 import tomli_w
 from vessel_meshes import CURVES, INNER, LUMEN, OUTER, TURN, WALL_REGION, scene_table, vessel, write_scene
 
-from ffsi import study
 from ffsi.cli import main
+from ffsi.definition import define
 from ffsi.render import parameter_flags, render
 from ffsi.scene import MeshGeometry, Scene, SceneError, boundaries, load_scene, stored
 from ffsi.scene.geometry.mesh import STORED, TAKEN
@@ -331,9 +331,9 @@ def test_render_writes_the_mesh_beside_the_script(scene, tmp_path, capsys) -> No
 
 def test_a_sweep_knows_its_mesh(scene, tmp_path) -> None:
     vary = {"inflow.mean_velocity": [0.01, 0.02]}
-    definition = study._definition(scene, vary)
-    assert definition["mesh"] == scene.geometry.digest
-    assert "mesh" not in study._definition(load_scene("flap-svk"), vary)
+    definition = define(scene, vary)
+    assert define(scene, vary)["mesh"] == scene.geometry.digest
+    assert "mesh" not in define(load_scene("flap-svk"), vary)
 
 
 def test_from_python(tmp_path, monkeypatch) -> None:
