@@ -1,5 +1,6 @@
 """A scene in other units is the same scene: no limit and no default depends on the units of length, mass and time."""
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -7,7 +8,8 @@ import pytest
 from units_scaling import FACTORS, factor_of, in_units
 from vessel_meshes import write_scene
 
-from ffsi.render import render
+from ffsi import units
+from ffsi.render import parameters, render
 from ffsi.scene import CASES, Scene, boundaries, load_scene
 
 
@@ -114,3 +116,37 @@ def test_mesh_of_a_file_in_other_units(tmp_path: Path) -> None:
         back = in_units(scaled, 1 / length, 1.0, 1.0, tmp_path / f"back-{length}")
         assert back.parameters() == pytest.approx(scene.parameters(), rel=1e-12)
         follows(back, scene, 1.0)
+
+
+CHOSEN = {"unit_of_length": "m", "unit_of_size": "m", "viscosity": "Pa s", "viscous": "Pa", "drives": "Pa"}
+CHOSEN |= {"unit_of_rest": "m/s", "unit_of_stiffness": "Pa"}
+
+
+def chosen(scene: Scene) -> dict[str, float]:
+    """Return what the script takes its units from, in SI."""
+    numbers = parameters(scene)
+    names = {p.variable: p.value for p in numbers} | {"sqrt": math.sqrt}
+    found = units.context(scene, numbers)
+    names["unitLength"] = eval(found["unit_of_length"].replace("^", "**"), names)
+    if scene.fluid:
+        names["size"] = eval(found["unit_of_size"].replace("^", "**"), names)
+        names["unitVelocity"] = names["inflowMeanVelocity"]
+    lists = {name: [formula] if isinstance(formula, str) else formula for name, formula in found.items()}
+    return {
+        f"{name} {number}": eval(formula.replace("^", "**"), names)
+        for name, formulas in lists.items()
+        for number, formula in enumerate(formulas)
+    }
+
+
+SCENES = [("aneurysm", settings) for settings in ([], *LAWS, *OUTLETS)] + [("turek-csm1", []), ("cook", [])]
+
+
+@pytest.mark.parametrize(("name", "overrides"), SCENES)
+def test_units_of_the_script_have_their_dimensions(name: str, overrides: list[str]) -> None:
+    scene = load_scene(name, overrides)
+    here = chosen(scene)
+    for factors in FACTORS:
+        there = chosen(in_units(scene, *factors))
+        for key, value in here.items():
+            assert there[key] == pytest.approx(value * factor_of(CHOSEN[key.split()[0]], *factors), rel=1e-9), key
