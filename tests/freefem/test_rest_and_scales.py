@@ -1,5 +1,6 @@
 """Scales and tolerances come from what is there: free fall, rest, creeping flow, slow motion, high pressures."""
 
+import itertools
 import json
 import math
 from pathlib import Path
@@ -27,7 +28,7 @@ def run(case: str, *settings: str) -> Result:
 
 
 def block(path: Path) -> None:
-    """Write a block of 1 m x 0.5 m, nowhere held, with 4 x 2 squares cut into triangles."""
+    """Write a block of 1 m x 0.5 m with 4 x 2 squares cut into triangles, and the names of its sides."""
     number = {(i, j): 3 * i + j + 1 for i in range(5) for j in range(3)}
     nodes = [f"{n} {i / 4} {j / 4} 0" for (i, j), n in number.items()]
     cells = []
@@ -35,8 +36,13 @@ def block(path: Path) -> None:
         for j in range(2):
             a, b, c, d = (number[at] for at in ((i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1)))
             cells += [f"2 2 1 1 {a} {b} {c}", f"2 2 1 1 {a} {c} {d}"]
+    sides = {"left": [(0, j) for j in range(3)], "right": [(4, j) for j in range(3)]}
+    sides |= {"floor": [(i, 0) for i in range(5)], "roof": [(i, 2) for i in range(5)]}
+    for tag, side in enumerate(sides.values(), 2):
+        cells += [f"1 2 {tag} {tag} {number[start]} {number[end]}" for start, end in itertools.pairwise(side)]
     rows = [f"{n} {cell}" for n, cell in enumerate(cells, 1)]
-    parts = ["$MeshFormat", "2.2 0 8", "$EndMeshFormat", "$PhysicalNames", "1", '2 1 "block"', "$EndPhysicalNames"]
+    names = ['2 1 "block"', *(f'1 {tag} "{name}"' for tag, name in enumerate(sides, 2))]
+    parts = ["$MeshFormat", "2.2 0 8", "$EndMeshFormat", "$PhysicalNames", str(len(names)), *names, "$EndPhysicalNames"]
     parts += ["$Nodes", str(len(nodes)), *nodes, "$EndNodes", "$Elements", str(len(rows)), *rows, "$EndElements", ""]
     path.write_text("\n".join(parts))
 
@@ -157,6 +163,28 @@ def test_a_pressure_of_any_height_behind_the_outlet_changes_no_velocity(outlet, 
     plain, high = channel({"kind": "pressure", "pressure": 0.0}), channel(outlet)
     assert np.abs(high.fields.velocity - plain.fields.velocity).max() < 1e-10 * np.abs(plain.fields.velocity).max()
     assert high.last_quantities["outlet_pressure"] == pytest.approx(pressure, rel=1e-6)
+
+
+@pytest.mark.parametrize("time", [None, {"step": 0.1, "end": 0.3}])
+def test_the_pressure_behind_the_outlet_presses_on_the_floor(tmp_path, time):
+    block(tmp_path / "block.msh")
+    geometry = {"kind": "mesh", "file": str(tmp_path / "block.msh"), "regions": {"fluid": "block"}}
+    geometry["boundaries"] = {"inlet": "left", "outlet": "right", "walls": ["floor", "roof"]}
+    geometry["parts"] = {"floor": "floor"}
+    lifts = []
+    for pressure in (0.0, 1e5):
+        scene = {
+            "name": "floor",
+            "geometry": geometry,
+            "fluid": {"density": 1.0, "viscosity": 0.1},
+            "inflow": {"mean_velocity": 1.0},
+            "outlet": {"kind": "pressure", "pressure": pressure},
+            "output": QUIET,
+        }
+        result = solve(Scene.model_validate(scene | ({"time": time} if time else {})))
+        assert result.converged, result.reason
+        lifts.append(result.last_quantities["lift"])
+    assert lifts[1] - lifts[0] == pytest.approx(-1e5, rel=1e-9)
 
 
 # What is no number is not converged -----------------------------------------------------------------------------------
