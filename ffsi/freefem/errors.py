@@ -19,7 +19,7 @@ MUMPS_MEANING = {
     -6: "the matrix is singular in structure",
     -7: "no memory for the analysis",
     -8: "the integer work array is too small",
-    -9: "the work array is too small for the fill-in; more memory for the factors is needed",
+    -9: "the work array is too small for the fill-in: the matrix is nearly singular, and its pivots were put off",
     -10: "the matrix is numerically singular",
     -13: "an allocation failed: not enough memory for the factors",
     -16: "the matrix has no rows",

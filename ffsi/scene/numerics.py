@@ -114,8 +114,8 @@ class Solver(Table):
     )
     step_tolerance: Annotated[float, Quantity("1", above=0.0, at_most=LOOSEST)] | None = Field(
         None,
-        description="with a table time, largest accepted correction in a step, relative to U k (displacement), U and "
-        "rho U^2, 1e-6 if absent, dimensionless",
+        description="with a table time, largest accepted correction in a step, relative to V k (displacement), V and "
+        "P, the velocity and the pressure that the flow has, 1e-6 if absent, dimensionless",
     )
     time_limit: Duration | None = Field(None, description="wall-clock time after which the run is stopped, s")
 

@@ -331,7 +331,6 @@ def test_render_writes_the_mesh_beside_the_script(scene, tmp_path, capsys) -> No
 
 def test_a_sweep_knows_its_mesh(scene, tmp_path) -> None:
     vary = {"inflow.mean_velocity": [0.01, 0.02]}
-    definition = define(scene, vary)
     assert define(scene, vary)["mesh"] == scene.geometry.digest
     assert "mesh" not in define(load_scene("flap-svk"), vary)
 
