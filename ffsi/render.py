@@ -174,6 +174,7 @@ def _context(scene: Scene, mumps: bool) -> dict[str, Any]:
         "mumps": mumps,
         "linear_solver": "MUMPS" if mumps else "UMFPACK",
         "parameters": numbers,
+        "unit_varies": any("fluidExponent" in number.unit for number in numbers),
         **units.context(scene, numbers),
         "has_fluid": fluid,
         "fsi": fsi,

@@ -31,7 +31,7 @@ def powers(unit: str) -> tuple[int, int, int]:
 def formula(unit: str) -> str:
     """Return a unit as a formula of the script's unitLength, unitMass and unitTime, "1" without dimension."""
     if unit == _POWER_LAW:
-        return "unitPressure*unitTime"  # the law takes shear rates in 1/s
+        return "unitPressure*unitTime^fluidExponent"
     names = ("unitLength", "unitMass", "unitTime")
     factors = [
         name if power == 1 else f"{name}^({power})" if power < 0 else f"{name}^{power}"
