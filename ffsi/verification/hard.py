@@ -54,7 +54,8 @@ def main(*, jobs: int = 1, out: Path | None = None, runs: Path = RUNS, only: str
     if table := bad_ones(judged):
         table.print()
     if out is not None:
-        written = origin("ffsi verify --hard", outcomes.values())
+        command = "ffsi verify --hard" + (f" --only '{only}'" if only else "")
+        written = origin(command, outcomes.values())
         folder.write_text(out / CSV, to_frame(judged).to_csv(index=False))
         folder.write_text(out / MARKDOWN, document(judged, titles, written))
         show.note(f"wrote {out / CSV} and {out / MARKDOWN}")
