@@ -12,6 +12,7 @@ import numpy as np
 from ffsi.rawfiles import Floats, RawState
 from ffsi.reference.relative import largest, norm
 from ffsi.reference.residual import compute_residual
+from ffsi.reference.sizes import unknown_sizes
 from ffsi.reference.solve import ConvergenceError, Factors, moved
 from ffsi.reference.system import System
 
@@ -62,31 +63,19 @@ class Corrector:
 
 
 def weighted(system: System, state: RawState, correction: RawState) -> float:
-    """Root mean square of a correction over the unknowns of a step: of u over V k, of v over V, of p over P.
-
-    V is the largest velocity of the fields and of the displacement, the mean velocity of the inflow at least, and P the
-    largest pressure, rho V^2 at least.
-    """
-    if (increment := system.increment) is None:
-        raise ValueError(f"{system.problem.name}: a steady system has no step")
-    parts = list(_weighted(system, state, correction, increment.old, increment.step.k))
+    """Root mean square of a correction over the unknowns of a step, each over its size (``sizes.unknown_sizes``)."""
+    parts = list(_weighted(system, state, correction))
     return norm([norm(part) for part in parts]) / math.sqrt(sum(part.size for part in parts) or 1)
 
 
-def _weighted(system: System, state: RawState, correction: RawState, old: RawState, k: float) -> Iterator[Floats]:
-    rows, densities = system.rows, [solid.law.density for solid in system.solids.values()]
-    if system.fluid is not None:
-        densities.append(system.fluid.law.density)
-    speed = largest(
-        [abs(system.problem.mean_velocity or 0.0), *np.abs([state.v, old.v, (state.u - old.u) / k]).ravel()]
+def _weighted(system: System, state: RawState, correction: RawState) -> Iterator[Floats]:
+    rows = system.rows
+    changes = (
+        (correction.u, rows.u_given),
+        (correction.v, rows.v_given),
+        (correction.p, rows.p_given),
+        (correction.ps, rows.ps_given),
     )
-    pressure = largest([max(densities) * speed**2, *np.abs([state.p, old.p]).ravel()])
-    solid_pressure = largest([pressure, *np.abs([state.ps, old.ps]).ravel()])
-    for change, given, scale in (
-        (correction.u, rows.u_given, speed * k),
-        (correction.v, rows.v_given, speed),
-        (correction.p, rows.p_given, pressure),
-        (correction.ps, rows.ps_given, solid_pressure),
-    ):
+    for (change, given), size in zip(changes, unknown_sizes(system, state), strict=True):
         free = change[~given]
-        yield free / scale if scale > 0.0 else np.where(free == 0.0, 0.0, np.inf)
+        yield free / size if size > 0.0 else np.where(free == 0.0, 0.0, np.inf)

@@ -11,6 +11,7 @@ from ffsi.rawfiles import Floats, RawState
 from ffsi.reference import momentum, terms
 from ffsi.reference.assembly import scatter
 from ffsi.reference.elements import Elements
+from ffsi.reference.relative import largest
 from ffsi.reference.system import FluidPart, SolidPart, System
 
 # Below this part of the contributions that cancel in it, a scale is rounding: times the tolerance, 1e-8, some rounding
@@ -55,6 +56,27 @@ def reference_pressure(fluid: FluidPart, state: RawState) -> float:
     """Mean pressure: a constant one does no work on a fluid that fills a room, however high it is."""
     elements = fluid.elements
     return float(elements.area @ state.p[elements.vertices].mean(axis=1) / elements.area.sum())
+
+
+def unknown_sizes(system: System, state: RawState) -> tuple[float, float, float, float]:
+    """Sizes of u, v, p and ps, in their units; zero where nothing gives one.
+
+    Of v the largest velocity V of the fields and of the displacement, the mean velocity of the inflow at least; of u
+    its way V k in a step, or the extent of a steady scene; of p the largest pressure, rho V^2 at least, and of ps that
+    or its own largest.
+    """
+    densities = [part.law.density for part in ([system.fluid] if system.fluid else []) + list(system.solids.values())]
+    states, speeds = [state], [abs(system.problem.mean_velocity or 0.0)]
+    way = float(np.ptp(system.mesh.vertices, axis=0).max())
+    if (increment := system.increment) is not None:
+        states.append(increment.old)
+        speeds.append(float(np.abs((state.u - increment.old.u) / increment.step.k).max()))
+    speed = largest([*speeds, *(float(np.abs(each.v).max()) for each in states)])
+    if increment is not None:
+        way = speed * increment.step.k
+    pressure = largest([max(densities) * speed**2, *(float(np.abs(each.p).max(initial=0.0)) for each in states)])
+    solid_pressure = largest([pressure, *(float(np.abs(each.ps).max(initial=0.0)) for each in states)])
+    return way, speed, pressure, solid_pressure
 
 
 def momentum_sizes(system: System, state: RawState) -> tuple[Floats, Floats]:
@@ -117,8 +139,8 @@ def _viscosity(fluid: FluidPart, state: RawState) -> Floats:
 
 def largest_on(values: Floats, elements: Elements) -> Floats:
     """Largest absolute nodal component on each triangle, (n,)."""
-    largest: Floats = np.abs(values[elements.nodes]).max(axis=(1, 2))
-    return largest
+    result: Floats = np.abs(values[elements.nodes]).max(axis=(1, 2))
+    return result
 
 
 def flux_sizes(speed: Floats, elements: Elements, nv: int) -> Floats:

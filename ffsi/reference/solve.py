@@ -19,6 +19,7 @@ from ffsi.reference.conditions import Outlet, Support
 from ffsi.reference.materials import Array
 from ffsi.reference.relative import largest, norm, relative
 from ffsi.reference.residual import Residual, compute_residual
+from ffsi.reference.sizes import unknown_sizes
 from ffsi.reference.step import Step
 from ffsi.reference.system import FluidPart, Mask, SolidPart, System
 from ffsi.reference.viscosity import Newtonian
@@ -225,9 +226,9 @@ def _fluid_group(system: System, fluid: FluidPart, state: RawState) -> _Group:
     steps[:, :12] = _CUBE_ROOT * np.sqrt(elements.area)[:, None]
     # Central differences are exact for degree 2 in v, if the viscosity is constant, and 1 in p: a large step rounds
     # least.
-    largest = np.abs(state.v).max() or 1.0
-    steps[:, 12:24] = largest if isinstance(fluid.law.viscosity, Newtonian) else _CUBE_ROOT * largest
-    steps[:, 24:] = np.abs(state.p).max() or 1.0
+    _, speed, pressure, _ = _step_sizes(system, state)
+    steps[:, 12:24] = speed if isinstance(fluid.law.viscosity, Newtonian) else _CUBE_ROOT * speed
+    steps[:, 24:] = pressure
     return _Group(function, _flat(state)[numbers], numbers, numbers, steps)
 
 
@@ -242,7 +243,7 @@ def _outlet_group(system: System, fluid: FluidPart, outlet: Outlet, state: RawSt
         return _total(found).reshape(len(local), 6) if found else np.zeros_like(local)
 
     # Linear but for the backflow, which has a kink.
-    steps = np.full(numbers.shape, (_CUBE_ROOT if outlet.backflow else 1.0) * (np.abs(state.v).max() or 1.0))
+    steps = np.full(numbers.shape, (_CUBE_ROOT if outlet.backflow else 1.0) * _step_sizes(system, state)[1])
     return _Group(function, _flat(state)[numbers], numbers, numbers, steps)
 
 
@@ -259,7 +260,7 @@ def _outlet_pressure_group(system: System, fluid: FluidPart, outlet: Outlet, sta
         np.add.at(found, places, momentum.outlet_pressure(system, outlet, sides, v))
         return found.reshape(1, -1)
 
-    steps = np.full(numbers.shape, np.abs(state.v).max() or 1.0)  # linear
+    steps = np.full(numbers.shape, _step_sizes(system, state)[1])  # linear
     return _Group(function, _flat(state)[numbers], numbers, numbers, steps)
 
 
@@ -274,7 +275,8 @@ def _support_group(system: System, held: Support, state: RawState) -> _Group:
         return momentum.support(system, held, edges, u, v).reshape(n, 6)
 
     columns = np.hstack([numbers, 2 * n2 + numbers])
-    return _Group(function, _flat(state)[columns], columns, 2 * n2 + numbers, np.ones(columns.shape))  # linear
+    steps = np.repeat(_step_sizes(system, state)[:2], 6)  # linear: any step is exact
+    return _Group(function, _flat(state)[columns], columns, 2 * n2 + numbers, np.broadcast_to(steps, columns.shape))
 
 
 def _solid_group(system: System, solid: SolidPart, state: RawState) -> _Group:
@@ -295,8 +297,7 @@ def _solid_group(system: System, solid: SolidPart, state: RawState) -> _Group:
     steps = np.empty((n, 24 + pressures.shape[1]))
     steps[:, :12] = _CUBE_ROOT * np.sqrt(elements.area)[:, None]
     # Of degree 1 in v and in the pressure: any step is exact.
-    steps[:, 12:24] = np.abs(state.v).max() or 1.0
-    steps[:, 24:] = np.abs(state.ps).max(initial=0.0) or 1.0
+    _, steps[:, 12:24], _, steps[:, 24:] = _step_sizes(system, state)
     columns, rows = np.hstack([numbers, 2 * n2 + numbers, pressures]), np.hstack([2 * n2 + numbers, pressures])
     return _Group(function, _flat(state)[columns], columns, rows, steps)
 
@@ -310,9 +311,14 @@ def _kinematics_group(system: System, state: RawState) -> _Group:
         return momentum.kinematics(system, nodes, local[:, :2], local[:, 2:])
 
     columns = np.hstack([numbers, 2 * n2 + numbers])
-    steps = np.ones(columns.shape)  # linear: any step is exact
+    steps = np.broadcast_to(np.repeat(_step_sizes(system, state)[:2], 2), columns.shape)  # linear: any step is exact
     rows = 4 * n2 + state.p.size + state.ps.size + numbers
     return _Group(function, _flat(state)[columns], columns, rows, steps)
+
+
+def _step_sizes(system: System, state: RawState) -> list[float]:
+    """Sizes of u, v, p and ps, none of them zero."""
+    return [size or 1.0 for size in unknown_sizes(system, state)]
 
 
 def _differentiate(group: _Group, method: Method) -> Floats:
@@ -335,7 +341,10 @@ def _differentiate(group: _Group, method: Method) -> Floats:
 
 @dataclass(frozen=True)
 class Factors:
-    """Sparse LU factors of an equilibrated Jacobian: those of its rows and columns times ``rows`` and ``columns``."""
+    """Sparse LU factors of an equilibrated Jacobian: those of its rows and columns times ``rows`` and ``columns``.
+
+    Unknowns are counted in their own sizes before it is equilibrated, since rows add entries of several units.
+    """
 
     rows: Floats
     columns: Floats
@@ -344,12 +353,14 @@ class Factors:
     @classmethod
     def of(cls, system: System, state: RawState, method: Method = "complex-step") -> "Factors":
         """Factorise the Jacobian of a state. Raises ``ConvergenceError`` if it is singular."""
-        matrix = jacobian(system, state, method)
+        columns = np.repeat(_step_sizes(system, state), [values.size for values in _fields(state)])
+        matrix = jacobian(system, state, method) @ diags_array(columns)
         rows = 1.0 / abs(matrix).max(axis=1).toarray()
         matrix = diags_array(rows) @ matrix
-        columns = 1.0 / abs(matrix).max(axis=0).toarray()
+        equilibrated = 1.0 / abs(matrix).max(axis=0).toarray()
+        matrix, columns = matrix @ diags_array(equilibrated), columns * equilibrated
         try:
-            return cls(rows, columns, splu((matrix @ diags_array(columns)).tocsc()))
+            return cls(rows, columns, splu(matrix.tocsc()))
         except RuntimeError as error:
             raise ConvergenceError(f"{system.problem.name}: the Jacobian is singular ({error})") from error
 
