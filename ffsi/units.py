@@ -51,9 +51,17 @@ def context(scene: Scene, parameters: Sequence[Parameter]) -> dict[str, Any]:
         default = type(geometry).model_fields[geometry.sized_by].default
         length = f"{variable}/{default!r}" if isinstance(default, float) else variable
     found: dict[str, Any] = {"unit_of_length": length}
-    of_solids = [p.variable for p in parameters if p.key.startswith("solid.") and _unit(p) == "Pa"]
     if scene.fluid is None:
-        return found | {"unit_of_stiffness": _largest(of_solids)}
+        # Nearly incompressible, a solid with a pressure of its own is as stiff as its shape: its volume's modulus would
+        # leave nothing of the momentum.
+        volumes = {
+            f"solid.{name}.{constant}"
+            for name, solid in scene.solid.items()
+            if getattr(solid, "formulation", "displacement") != "displacement"
+            for constant in getattr(solid, "volume_constants", ())
+        }
+        keys = [p for p in parameters if p.key.startswith("solid.") and _unit(p) == "Pa" and p.key not in volumes]
+        return found | {"unit_of_stiffness": _largest([p.variable for p in keys])}
     assert isinstance(geometry, ChannelGeometry)
     height = geometry.inlet.height
     found["unit_of_size"] = repr(height) if geometry.kind == "mesh" else f"{height / geometry.size!r}*unitLength"
