@@ -12,7 +12,7 @@ import pandas as pd
 from ffsi import folder, show
 from ffsi.bench.costs import COARSER, RATIOS, SOLVER, WORDS, cost_row, marked, run
 from ffsi.folder import InputError
-from ffsi.scene import STEADY_CASES
+from ffsi.scene import CASES
 from ffsi.verification import Measurement, TextTable, links, number, origin, prepare, publish
 
 BLOCK = "bench-scenes"
@@ -152,7 +152,7 @@ def main(*, repeat: int = 1, out: Path | None = None, readme: Path | None = None
         raise InputError(f"--repeat: at least one run, not {repeat}")
     prepare(out, readme, BLOCK)
     run("turek-csm1", ["mesh.level=0"])  # what Python imports and FreeFEM reads from disk for the first time
-    groups = [[run(case, [f"mesh.level={level_of(case)}"]) for _ in range(repeat)] for case in STEADY_CASES]
+    groups = [[run(case, [f"mesh.level={level_of(case)}"]) for _ in range(repeat)] for case in CASES.steady]
     compared = {case: [_formulations(case, solid) for _ in range(repeat)] for case, solid in FORMULATED.items()}
     scenes = [cost_row(group) for group in groups]
     forms = [row for case, repetitions in compared.items() for row in formulation_rows(case, repetitions)]

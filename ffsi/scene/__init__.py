@@ -1,7 +1,7 @@
 """What a scene is: models with units, TOML in and out, the catalogue, boundaries and their roles."""
 
 from ffsi.scene.boundaries import Boundary, Role, boundaries
-from ffsi.scene.catalogue import CASES, STEADY_CASES
+from ffsi.scene.catalogue import CASES
 from ffsi.scene.errors import Problem, SceneError
 from ffsi.scene.expressions import Expression, ExpressionError
 from ffsi.scene.files import load_scene, stored
@@ -34,7 +34,6 @@ from ffsi.scene.units import to_si
 
 __all__ = [
     "CASES",
-    "STEADY_CASES",
     "Aneurysm",
     "Beam",
     "Boundary",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 
-from ffsi.scene import STEADY_CASES
+from ffsi.scene import CASES
 from ffsi.verification import runs as running
 from ffsi.verification.runs import Measurement, Variant
 from ffsi.verification.section import Part, Section, by_variant
@@ -22,7 +22,7 @@ def run(levels: Sequence[int] | None = None) -> list[Measurement]:
     """Run every steady case with published values on `levels`; None: 0 to 3, FSI1 0 to 4."""
     return [
         item
-        for case in STEADY_CASES
+        for case in CASES.steady
         if reference_sets(case)
         for item in running.measure_all([Variant(case)], levels or range(FINEST.get(case, 3) + 1))
     ]

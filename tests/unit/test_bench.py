@@ -14,7 +14,7 @@ from ffsi.bench.mesh_motion import MOTIONS, SWEEPS, Motion, Sweep, Track, steps
 from ffsi.bench.scenes import FORMULATIONS, formulation_rows, formulation_table, scene_table
 from ffsi.folder import InputError
 from ffsi.freefem import FreeFEMError
-from ffsi.scene import STEADY_CASES, load_scene
+from ffsi.scene import CASES, load_scene
 from ffsi.verification import Measurement
 
 TIMINGS = {
@@ -162,7 +162,7 @@ def test_a_formulation_that_failed_has_no_quotient():
 
 
 def test_every_scene_has_a_level_and_every_formulation_is_a_scene():
-    assert set(scenes.LEVELS) | set(scenes.FORMULATED) <= set(STEADY_CASES)
+    assert set(scenes.LEVELS) | set(scenes.FORMULATED) <= set(CASES.steady)
     for case, solid in scenes.FORMULATED.items():
         for formulation in FORMULATIONS:
             scene = load_scene(case, [f"solid.{solid}.formulation={formulation}"])
@@ -186,12 +186,12 @@ def test_scenes_are_run_and_written(tmp_path, runs, capsys):
     readme = tmp_path / "README.md"
     readme.write_text(README)
     assert set(scenes.main(repeat=2, out=tmp_path / "results", readme=readme)) == {""}
-    assert [runs.count((case, (f"mesh.level={scenes.level_of(case)}",))) for case in STEADY_CASES] == [2] * len(
-        STEADY_CASES
+    assert [runs.count((case, (f"mesh.level={scenes.level_of(case)}",))) for case in CASES.steady] == [2] * len(
+        CASES.steady
     )
     pairs = [settings[-1].partition("formulation=")[2] for _, settings in runs if "formulation" in settings[-1]]
     assert pairs == [*FORMULATIONS] * 6
-    assert len(pd.read_csv(tmp_path / "results/bench-scenes.csv")) == len(STEADY_CASES)
+    assert len(pd.read_csv(tmp_path / "results/bench-scenes.csv")) == len(CASES.steady)
     assert pd.read_csv(tmp_path / "results/bench-formulations.csv")["quotient_newton"].tolist() == [1] * 9
     text = readme.read_text()
     assert "Written by `ffsi bench --scenes --repeat 2`" in text

@@ -8,7 +8,6 @@ import pytest
 
 from ffsi.scene import (
     CASES,
-    STEADY_CASES,
     Scene,
     Time,
     load_scene,
@@ -39,7 +38,7 @@ def test_smallest_step() -> None:
     assert Time(step=0.1, end=1, adaptive=True, smallest_step=0.1).least_step == 0.1
 
 
-@pytest.mark.parametrize("case", STEADY_CASES)
+@pytest.mark.parametrize("case", CASES.steady)
 def test_steady_scenes_know_nothing_of_time(case: str) -> None:
     scene = CASES[case]
     table = tomllib.loads(scene.to_toml())

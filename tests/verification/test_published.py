@@ -13,7 +13,7 @@ import pytest
 from ffsi.references import references_for
 from ffsi.result import Result
 from ffsi.run import solve
-from ffsi.scene import STEADY_CASES, load_scene
+from ffsi.scene import CASES, load_scene
 from ffsi.study import sweep
 
 PLAIN = ["output.pictures=false", "output.vtu=false"]
@@ -109,7 +109,7 @@ def test_fsi1_falls_towards_the_published_values(solved, quantity):
     assert error_of(solved("turek-fsi1", 4), quantity) < coarse / 3
 
 
-@pytest.mark.parametrize("case", STEADY_CASES)
+@pytest.mark.parametrize("case", CASES.steady)
 @pytest.mark.parametrize("level", [1, 2, 3])
 def test_the_checker_agrees_at_every_level(solved, case, level):
     result = solved(case, level)
