@@ -39,26 +39,26 @@ test: setup test-system
 	@$(BIN)/python -m pytest -n 2 --dist loadfile tests/unit tests/freefem
 
 verify: setup
-	@$(BIN)/ffsi verify --out results --readme README.md
-	@$(BIN)/ffsi verify --unsteady --jobs $(JOBS) --out results --readme README.md
-	@$(BIN)/ffsi verify --blood --jobs $(JOBS) --out results --readme README.md
+	@$(BIN)/python -m studies verify --out results --readme README.md
+	@$(BIN)/python -m studies verify --unsteady --jobs $(JOBS) --out results --readme README.md
+	@$(BIN)/python -m studies verify --blood --jobs $(JOBS) --out results --readme README.md
 	@$(BIN)/python -m pytest tests/verification
 
 verify-long: setup
-	@$(BIN)/ffsi verify --long --jobs $(JOBS) --out results --readme README.md
+	@$(BIN)/python -m studies verify --long --jobs $(JOBS) --out results --readme README.md
 
 verify-hard: setup
-	@$(BIN)/ffsi verify --hard --jobs $(JOBS) --out results
+	@$(BIN)/python -m studies verify --hard --jobs $(JOBS) --out results
 
 bench: setup
-	@$(BIN)/ffsi bench --repeat 3 --out results --readme README.md
-	@$(BIN)/ffsi bench --scenes --repeat 3 --out results --readme results/bench-scenes.md
-	@$(BIN)/ffsi bench --mesh-motion --out results
-	@$(BIN)/ffsi bench --unsteady --repeat 3 --out results --readme README.md
+	@$(BIN)/python -m studies bench --repeat 3 --out results --readme README.md
+	@$(BIN)/python -m studies bench --scenes --repeat 3 --out results --readme results/bench-scenes.md
+	@$(BIN)/python -m studies bench --mesh-motion --out results
+	@$(BIN)/python -m studies bench --unsteady --repeat 3 --out results --readme README.md
 
 paper: setup
-	@$(BIN)/ffsi paper --jobs 2
-	@$(BIN)/ffsi paper --aneurysm
+	@$(BIN)/python -m studies paper --jobs 2
+	@$(BIN)/python -m studies paper --aneurysm
 
 figures: $(STUDY)/chain-001/velocity-0010.png
 	@mkdir -p results
@@ -68,8 +68,8 @@ $(STUDY)/chain-001/velocity-0010.png:
 	@$(MAKE) run
 
 lint: setup
-	@$(BIN)/ruff check ffsi tests
-	@$(BIN)/ruff format --check ffsi tests
+	@$(BIN)/ruff check ffsi studies tests
+	@$(BIN)/ruff format --check ffsi studies tests
 	@$(BIN)/mypy
 
 edp: setup

@@ -12,10 +12,10 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from ffsi.result import Result, load_result
-    from ffsi.run import resume, solve
+    from ffsi.hemodynamics.result import Result, load_result
+    from ffsi.run.solve import resume, solve
+    from ffsi.run.sweep import sweep
     from ffsi.scene import CASES, Scene, SceneError, load_scene, with_values
-    from ffsi.study import sweep
 
 __all__ = [
     "CASES",
@@ -32,9 +32,9 @@ __all__ = [
 
 _HOMES = {
     **dict.fromkeys(("CASES", "Scene", "SceneError", "load_scene", "with_values"), "ffsi.scene"),
-    **dict.fromkeys(("Result", "load_result"), "ffsi.result"),
-    **dict.fromkeys(("resume", "solve"), "ffsi.run"),
-    "sweep": "ffsi.study",
+    **dict.fromkeys(("Result", "load_result"), "ffsi.hemodynamics.result"),
+    **dict.fromkeys(("resume", "solve"), "ffsi.run.solve"),
+    "sweep": "ffsi.run.sweep",
 }
 
 

@@ -6,7 +6,7 @@ import sys
 def main() -> None:
     """Load the command line and run it; always ends in SystemExit."""
     try:
-        from ffsi.cli import main as command
+        from ffsi.cli.main import main as command
     except (ImportError, MemoryError, OSError) as error:  # a library that finds no memory is an ImportError
         text = f"error: ffsi cannot be loaded: {error}; is its memory limited (ulimit -v), is a package missing?"
         if sys.stderr is not None:

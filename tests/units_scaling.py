@@ -11,12 +11,13 @@ import meshio
 import numpy as np
 import pint
 
-from ffsi.render import limits
-from ffsi.result import Result, unit
-from ffsi.run import solve
+from ffsi.hemodynamics.result import Result
+from ffsi.result.quantities import unit
+from ffsi.run.solve import solve
 from ffsi.scene import CASES, MeshGeometry, Scene, load_scene
 from ffsi.scene.flow import PROFILES, WOMERSLEY
 from ffsi.scene.waveforms import named_waveforms
+from ffsi.script.render import limits
 
 FACTORS = [factors for factors in itertools.product((1e-6, 1.0, 1e6), repeat=3) if factors != (1.0, 1.0, 1.0)]
 """Factors on lengths, masses and times, every mixture of small and large units."""

@@ -1,6 +1,7 @@
 """The lines that a rendered script writes for Python: `@ffsi KIND key=value ... text=rest of the line`."""
 
 import re
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 MARK = "@ffsi"
@@ -73,3 +74,6 @@ def _convert(value: str) -> Value:
     if _REAL.match(value):
         return float(value)
     return value
+
+
+OnEvent = Callable[[Event], None]

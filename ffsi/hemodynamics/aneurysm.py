@@ -7,11 +7,11 @@ from functools import cached_property, partial
 import numpy as np
 from numpy.typing import NDArray
 
-from ffsi.evaluation import Evaluations
-from ffsi.fields import FLUID
 from ffsi.hemodynamics.flow import dome_flow
 from ffsi.hemodynamics.state import WallState
 from ffsi.hemodynamics.stress import effective_stress, largest_beyond
+from ffsi.result.evaluation import Evaluations
+from ffsi.result.fields import FLUID
 from ffsi.scene.boundaries import DOME_WALL
 from ffsi.scene.geometry import Aneurysm
 

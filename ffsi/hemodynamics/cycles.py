@@ -9,10 +9,10 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from ffsi.hemodynamics.indices import WallCycle, change
+from ffsi.files.arrays import RawMesh
+from ffsi.files.cycles import WallCycle
 from ffsi.hemodynamics.parts import over_parts, wall_frame
 from ffsi.hemodynamics.walls import at_nodes, wall_labels, wall_points
-from ffsi.rawfiles import RawMesh
 from ffsi.scene import Scene
 
 Floats = NDArray[np.float64]
@@ -35,7 +35,7 @@ def cycle_tables(scene: Scene, mesh: RawMesh, cycles: Sequence[WallCycle]) -> pd
     where = wall_frame(scene, points)
     tables = []
     for cycle in cycles:
-        at = cycle.at(points)
+        at = cycle.at(points.middle)
         mean = at.integral / (at.end - at.start)
         tables.append(
             where.assign(
@@ -48,7 +48,7 @@ def cycle_tables(scene: Scene, mesh: RawMesh, cycles: Sequence[WallCycle]) -> pd
 def cycle_point_data(scene: Scene, mesh: RawMesh, cycle: WallCycle) -> dict[str, Floats]:
     """Return fields for ParaView, NaN off the walls: `tawss` (Pa), `osi` and `rrt` (1/Pa) of a cycle, (n2,) each."""
     points = wall_points(mesh, wall_labels(scene))
-    at = cycle.at(points)
+    at = cycle.at(points.middle)
     return {name: at_nodes(points, getattr(at, name), mesh.n_p2) for name in _INDICES}
 
 
@@ -63,7 +63,7 @@ def cycle_summary(scene: Scene, mesh: RawMesh, cycles: Sequence[WallCycle]) -> l
     found: list[dict[str, Any]] = []
     before: WallCycle | None = None
     for cycle in cycles:
-        at = cycle.at(points)
+        at = cycle.at(points.middle)
         row: dict[str, Any] = {"number": at.number, "start": at.start, "end": at.end}
         for name in _INDICES:
             for part, values in over_parts(scene, points, getattr(at, name), points.length).items():
@@ -76,3 +76,15 @@ def cycle_summary(scene: Scene, mesh: RawMesh, cycles: Sequence[WallCycle]) -> l
         found.append(row)
         before = at
     return found
+
+
+def change(before: Floats, after: Floats, weight: Floats) -> float:
+    """Return the difference of a quantity between two cycles: its norm over the walls, relative to that of the latter.
+
+    Args:
+        before: (n,) in the earlier cycle.
+        after: (n,) in the later one.
+        weight: (n,) lengths of the edges, m.
+    """
+    size = float(np.sqrt(weight @ after**2))
+    return float(np.sqrt(weight @ (after - before) ** 2)) / size if size != 0 else 0.0

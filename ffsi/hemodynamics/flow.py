@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ffsi.fields import Fields
+from ffsi.files.arrays import RawMesh, RawState
 from ffsi.hemodynamics.walls import wall_points
-from ffsi.rawfiles import RawMesh, RawState
+from ffsi.result.fields import Fields
 from ffsi.scene.boundaries import DOME_WALL, INLET, OUTLET
 
 Floats = NDArray[np.float64]

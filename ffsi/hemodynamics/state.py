@@ -9,12 +9,12 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from ffsi.evaluation import Evaluations
-from ffsi.fields import Fields
+from ffsi.files.arrays import RawMesh, RawState
 from ffsi.hemodynamics.flow import rates
 from ffsi.hemodynamics.parts import over_parts, wall_frame
 from ffsi.hemodynamics.walls import WallPoints, at_nodes, deformed_length, wall_labels, wall_points, wall_shear_stress
-from ffsi.rawfiles import RawMesh, RawState
+from ffsi.result.evaluation import Evaluations
+from ffsi.result.fields import Fields
 from ffsi.scene import Scene
 from ffsi.scene.geometry import Aneurysm, Channel, MeshGeometry
 

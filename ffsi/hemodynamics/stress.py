@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from ffsi.rawfiles import RawMesh, RawState
+from ffsi.files.arrays import RawMesh, RawState
 from ffsi.reference.from_scene import material_of
 from ffsi.reference.materials import IDENTITY, SplitMaterial, dilatation, stress_across, transpose
 from ffsi.scene import Scene

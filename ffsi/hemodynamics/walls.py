@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ffsi.fields import FLUID
-from ffsi.rawfiles import RawMesh, RawState
+from ffsi.files.arrays import RawMesh, RawState
+from ffsi.result.fields import FLUID
 from ffsi.scene import Scene, boundaries
 from ffsi.scene.fluids import IncompressibleFluid
 
@@ -187,3 +187,10 @@ def deformed_length(points: WallPoints, state: RawState) -> Floats:
     deformation = np.einsum("nai,naj->nij", state.u[points.nodes], points.gradient) + np.eye(2)
     tangent = np.column_stack([-points.normal[:, 1], points.normal[:, 0]])
     return np.asarray(np.hypot(*np.einsum("nij,nj->ni", deformation, tangent).T) * points.length)
+
+
+def shown_stress(scene: Scene, mesh: RawMesh, state: RawState) -> tuple[Ints, Floats]:
+    """Return, for the checker, the nodes in the middle of the walls' edges and the stress there, (n, 2) Pa."""
+    points = wall_points(mesh, wall_labels(scene))
+    assert scene.fluid is not None
+    return points.middle, wall_shear_stress(points, state, scene.fluid)

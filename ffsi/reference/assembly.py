@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ffsi.rawfiles import Floats, Ints
+from ffsi.files.arrays import Floats, Ints
 
 
 def scatter(local: Floats, nodes: Ints, size: int) -> Floats:

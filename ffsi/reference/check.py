@@ -1,16 +1,16 @@
 """Verdict on a state or a time step that another program returned: residuals, prescribed values and forces."""
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ffsi.hemodynamics import walls
-from ffsi.rawfiles import Floats, RawMesh, RawState, read_mesh, read_state
-from ffsi.reading import read_json
+from ffsi.files.arrays import Floats, Ints, RawMesh, RawState, read_mesh, read_state
+from ffsi.files.reading import read_json
+from ffsi.files.shapes import read_table, refuse_other_types
 from ffsi.reference.forces import Forces, compute_forces
 from ffsi.reference.from_scene import problem_from_scene, refuse_other_parameters, refuse_other_step, theta_of
 from ffsi.reference.history import History
@@ -22,11 +22,12 @@ from ffsi.reference.relative import largest, relative
 from ffsi.reference.residual import compute_residual
 from ffsi.reference.step import Step
 from ffsi.reference.system import Mask, System
-from ffsi.reference.wall import Passage, WallCycle, WallShear, wall_shear
+from ffsi.reference.wall import Passage, WallCycle, wall_shear
 from ffsi.scene import Scene
-from ffsi.shapes import read_table, refuse_other_types
 
 TOLERANCE = 1e-8
+Shown = Callable[[Scene, RawMesh, RawState], tuple[Ints, Floats]]
+"""What is shown to people of the stress on the walls: nodes in the middle of their edges, and (n, 2) Pa there."""
 STEPS = "steps.json"
 HISTORY = "history.csv"
 POINT = "point-0001.bin"
@@ -121,7 +122,9 @@ def check_step(
     return _report([_examine(system, new, reported_quantities)], tolerance)
 
 
-def check_run(directory: Path, scene: Scene, point: int = 1, tolerance: float = TOLERANCE) -> CheckReport:
+def check_run(
+    directory: Path, scene: Scene, point: int = 1, tolerance: float = TOLERANCE, shown: Shown | None = None
+) -> CheckReport:
     """Check one point of a run folder, or all its checked time steps, against the scene that it was run with.
 
     The scene must carry the values that the run really used. A scene in time has ``steps.json`` beside its only point:
@@ -129,22 +132,22 @@ def check_run(directory: Path, scene: Scene, point: int = 1, tolerance: float = 
     of a point's state; an ordinary step, which was not solved to round-off, has its ``tolerance``, and with a
     Windkessel each entry has ``windkessel_old``, ``windkessel_new``. ``history.csv`` has a row for every step, where
     the outlet has a pressure with it and the flow rate out; ``wall-*.bin`` are sums over cycles. Every quantity of the
-    point's JSON, and in time of the rows of the checked steps, is recomputed. The wall shear stress of a state is what
-    ``ffsi.hemodynamics`` makes of it. Raises ``ValueError`` where the parameters in the point's JSON, or a step, are
-    none of the scene's, no step is listed, the history has a gap, the point's state is not that of the last step or a
-    file does not fit, and ``OSError`` if one is missing.
+    point's JSON, and in time of the rows of the checked steps, is recomputed, and the wall shear stress of a state
+    compared with that which is ``shown`` to people. Raises ``ValueError`` where the parameters in the point's JSON, or
+    a step, are none of the scene's, no step is listed, the history has a gap, the point's state is not that of the
+    last step or a file does not fit, and ``OSError`` if one is missing.
     """
     directory = Path(directory)
     outcome = read_table(directory / f"point-{point:04d}.json")
     refuse_other_parameters(scene, outcome.get("parameters", {}))
     mesh = read_mesh(directory / "mesh.bin")
     if scene.time is not None:
-        return _report(_examine_steps(directory, scene, mesh, outcome.get("quantities", {})), tolerance)
+        return _report(_examine_steps(directory, scene, mesh, outcome.get("quantities", {}), shown), tolerance)
     state = read_state(directory / f"point-{point:04d}.bin", mesh)
     system = System.build(problem_from_scene(scene), mesh)
     found = _examine(system, state, outcome.get("quantities", {}), whole=True)
-    if (shear := wall_shear(system, state)) is not None:
-        found.numbers["wall_difference"] = _wall_difference(scene, mesh, state, shear)
+    if (shear := wall_shear(system, state)) is not None and shown is not None:
+        found.numbers["wall_difference"] = shear.difference(*shown(scene, mesh, state))
     return _report([found], tolerance)
 
 
@@ -199,7 +202,9 @@ def _only(reported: Mapping[str, Any], names: Collection[str]) -> dict[str, Any]
     return {name: value for name, value in reported.items() if name in names}
 
 
-def _examine_steps(directory: Path, scene: Scene, mesh: RawMesh, last: Mapping[str, Any]) -> list[_Findings]:
+def _examine_steps(
+    directory: Path, scene: Scene, mesh: RawMesh, last: Mapping[str, Any], shown: Shown | None
+) -> list[_Findings]:
     """Examine every step that the run folder lists; ``last`` are the quantities reported of the last one."""
     listed = read_json(directory / STEPS, finite=False)
     entries = [_read_entry(directory, entry) for entry in listed] if isinstance(listed, list) else []
@@ -235,8 +240,8 @@ def _examine_steps(directory: Path, scene: Scene, mesh: RawMesh, last: Mapping[s
         if outlet is not None and outlet.presses:  # which is compared as that
             row = {name: value for name, value in row.items() if name not in AT_OUTLET}
         found[-1].compare(row, quantities, quantities.keys() & IN_HISTORY)
-        if (shear := wall_shear(system, after)) is not None:
-            found[-1].numbers["wall_difference"] = _wall_difference(scene, mesh, after, shear)
+        if (shear := wall_shear(system, after)) is not None and shown is not None:
+            found[-1].numbers["wall_difference"] = shear.difference(*shown(scene, mesh, after))
         if cycles and shear is not None and (start := wall_shear(system, before)) is not None:
             passages.append(Passage(step.start, step.time, start, shear))
     if entry.tolerance > 0.0:
@@ -247,7 +252,7 @@ def _examine_steps(directory: Path, scene: Scene, mesh: RawMesh, last: Mapping[s
         raise ValueError(f"{directory / POINT}: not the state at the end of the last step, {entry.new.name}")
     found[-1].compare(last, found[-1].quantities, found[-1].quantities.keys() - WINDKESSEL)
     for cycle in cycles:
-        difference = largest([cycle.difference(passages), found[-1].numbers["wall_difference"]])
+        difference = largest([cycle.difference(passages), found[-1].numbers.get("wall_difference", 0.0)])
         found[-1].numbers["wall_difference"] = difference
     return found
 
@@ -256,14 +261,6 @@ def _same(one: RawState, other: RawState) -> bool:
     """Whether two states are the same to the last digit."""
     pairs = ((one.u, other.u), (one.v, other.v), (one.p, other.p), (one.ps, other.ps))
     return all(np.array_equal(*pair) for pair in pairs)
-
-
-def _wall_difference(scene: Scene, mesh: RawMesh, state: RawState, own: WallShear) -> float:
-    """Difference between the checker's shear stress on the walls and that which is shown to people."""
-    points = walls.wall_points(mesh, walls.wall_labels(scene))
-    if scene.fluid is None:
-        return math.inf
-    return own.difference(points.middle, walls.wall_shear_stress(points, state, scene.fluid))
 
 
 @dataclass(frozen=True)

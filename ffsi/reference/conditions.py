@@ -6,7 +6,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from ffsi.rawfiles import Floats
+from ffsi.files.arrays import Floats
 from ffsi.reference.materials import Array
 from ffsi.reference.step import Step
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ffsi.rawfiles import Floats, Ints
+from ffsi.files.arrays import Floats, Ints
 
 # d(barycentric coordinates)/d(xi, eta) on the unit triangle.
 _BARYCENTRIC_GRADIENT = np.array([[-1.0, -1.0], [1.0, 0.0], [0.0, 1.0]])

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ffsi.rawfiles import Floats, RawState
+from ffsi.files.arrays import Floats, RawState
 from ffsi.reference import terms
 from ffsi.reference.elements import barycentric, gauss_rule, line_basis, p2_basis, p2_gradients, side_points
 from ffsi.reference.residual import Residual

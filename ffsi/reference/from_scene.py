@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ffsi.rawfiles import Floats
+from ffsi.files.arrays import Floats
 from ffsi.reference import materials, viscosity
 from ffsi.reference.conditions import Inflow, Outlet, Support
 from ffsi.reference.inflow import Series, womersley

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from ffsi.reading import LONGEST_TABLE, read_text
+from ffsi.files.reading import LONGEST_TABLE, read_text
 from ffsi.reference.step import Step
 
 # A time is the sum of the steps before it: its rounding, and this part of the step, may be missing.

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ffsi.rawfiles import Floats, Ints, RawState
+from ffsi.files.arrays import Floats, Ints, RawState
 from ffsi.reference import terms
 from ffsi.reference.conditions import Outlet, Support
 from ffsi.reference.elements import gauss_rule

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ffsi.rawfiles import Floats, RawState
+from ffsi.files.arrays import Floats, RawState
 from ffsi.reference.relative import largest, norm
 from ffsi.reference.residual import compute_residual
 from ffsi.reference.sizes import unknown_sizes

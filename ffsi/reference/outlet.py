@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 
-from ffsi.rawfiles import Floats, RawState
+from ffsi.files.arrays import Floats, RawState
 from ffsi.reference import momentum, terms
 from ffsi.reference.conditions import Outlet
 from ffsi.reference.history import History

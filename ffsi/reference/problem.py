@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Literal, get_args
 
-from ffsi.rawfiles import Floats
+from ffsi.files.arrays import Floats
 from ffsi.reference.conditions import Inflow, Outlet, Support
 from ffsi.reference.materials import Material, SplitMaterial
 from ffsi.reference.viscosity import Viscosity

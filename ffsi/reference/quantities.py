@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ffsi.rawfiles import Floats, Ints, RawState
+from ffsi.files.arrays import Floats, Ints, RawState
 from ffsi.reference import momentum, terms
 from ffsi.reference.elements import Elements, p2_basis
 from ffsi.reference.forces import Forces, coefficient_scale

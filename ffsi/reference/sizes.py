@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ffsi.rawfiles import Floats, RawState
+from ffsi.files.arrays import Floats, RawState
 from ffsi.reference import momentum, terms
 from ffsi.reference.assembly import scatter
 from ffsi.reference.elements import Elements

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.sparse import coo_array, csc_array, diags_array
 from scipy.sparse.linalg import SuperLU, splu
 
-from ffsi.rawfiles import Floats, Ints, RawState
+from ffsi.files.arrays import Floats, Ints, RawState
 from ffsi.reference import momentum, terms
 from ffsi.reference.conditions import Outlet, Support
 from ffsi.reference.materials import Array

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ffsi.rawfiles import Floats
+from ffsi.files.arrays import Floats
 from ffsi.reference import terms
 from ffsi.reference.assembly import scatter
 from ffsi.reference.elements import Elements, gauss_rule, line_basis

@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from ffsi.rawfiles import RawState
+from ffsi.files.arrays import RawState
 from ffsi.reference.materials import Array
 
 

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ffsi.rawfiles import Floats, Ints, RawMesh
+from ffsi.files.arrays import Floats, Ints, RawMesh
 
 
 def structured_mesh(

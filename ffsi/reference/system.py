@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from ffsi.rawfiles import Floats, Ints, RawMesh, RawState
+from ffsi.files.arrays import Floats, Ints, RawMesh, RawState
 from ffsi.reference.elements import Elements
 from ffsi.reference.problem import FLUID_REGION, Boundary, Fluid, MeshMotion, Problem, Solid
 from ffsi.reference.step import Increment, Step

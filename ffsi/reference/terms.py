@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ffsi.rawfiles import Floats
+from ffsi.files.arrays import Floats
 from ffsi.reference.conditions import Support
 from ffsi.reference.elements import Elements, gauss_rule, line_basis
 from ffsi.reference.materials import (

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ffsi.rawfiles import Floats, Ints, RawState, read_arrays
+from ffsi.files.arrays import Floats, Ints, RawState, read_arrays
 from ffsi.reference.forces import side_flow
 from ffsi.reference.relative import largest, relative
 from ffsi.reference.system import FluidPart, Sides, System

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from ffsi.folder import InputError
-from ffsi.report import figures
-from ffsi.result import Result
-from ffsi.timesteps import SavedStep
+from ffsi.files.errors import InputError
+from ffsi.files.steps import SavedStep
+from ffsi.hemodynamics.result import Result
+from ffsi.result import pictures
 
 DPI = 72
 SECONDS = 8.0
@@ -39,7 +39,7 @@ def write_animation(result: Result, name: str, output: Path) -> int:
             "time.output_interval says how often fields are saved"
         )
     try:
-        scale = figures.common_scale(name, (result.fields_of(step) for step in steps))
+        scale = pictures.common_scale(name, (result.fields_of(step) for step in steps))
     except ValueError as error:
         raise InputError(f"{result.directory}: {error}") from error
     form = _form([step.time for step in steps])
@@ -47,7 +47,7 @@ def write_animation(result: Result, name: str, output: Path) -> int:
     def frame(step: SavedStep) -> Image.Image:
         title = f"{result.data['case']}, t = {step.time:{form}} s"
         with Image.open(
-            io.BytesIO(figures.to_png(figures.draw(name, result.fields_of(step), title, scale), DPI))
+            io.BytesIO(pictures.to_png(pictures.draw(name, result.fields_of(step), title, scale), DPI))
         ) as image:
             return image.convert("RGB")
 

@@ -9,9 +9,10 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from ffsi.hemodynamics.aneurysm import AneurysmState
+from ffsi.hemodynamics.result import Result
 from ffsi.report import walls
 from ffsi.report.tables import Rows, cell, with_unit
-from ffsi.result import Result, unit
+from ffsi.result.quantities import unit
 
 NAMES = {"wss": "WSS", "tawss": "TAWSS", "osi": "OSI", "rrt": "RRT"}
 _OF_A_PART = re.compile(rf"({'|'.join(NAMES)})_(mean|max|min|peak)_")

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from ffsi.report.figures import FAINT, INK
+from ffsi.result.pictures import FAINT, INK
 
 LINES = ("#1b5e9b", "#c8553d", "#3d8b5f", "#8a5a9e", "#b08a1e", "#4a5560")
 MARKERS = ("o", "s", "^", "D", "v", "P")

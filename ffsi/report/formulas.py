@@ -8,7 +8,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from ffsi.result import Result, flatten
+from ffsi.hemodynamics.result import Result
+from ffsi.result.quantities import flatten
 from ffsi.scene import Scene
 from ffsi.scene.materials import Elastic, MooneyRivlin, NeoHookean, StVenantKirchhoff
 

@@ -17,18 +17,21 @@ import jinja2
 import pandas as pd
 from matplotlib.figure import Figure
 
-from ffsi import folder
-from ffsi.evaluation import Notes, attempt, words
-from ffsi.folder import InputError
-from ffsi.reading import read_frame, read_text
-from ffsi.references import references_for
-from ffsi.render import package_version
-from ffsi.report import blood, curves, figures, formulas
+from ffsi.files import folder
+from ffsi.files.errors import InputError
+from ffsi.files.reading import read_frame, read_text
+from ffsi.hemodynamics.result import Result, load_result, load_results
+from ffsi.report import blood, curves, formulas
 from ffsi.report.tables import Rows, cell, with_unit
-from ffsi.result import Result, flatten, load_result, load_results, published_value, unit
-from ffsi.show import OUTCOMES, tally, time_line
+from ffsi.result import pictures
+from ffsi.result.evaluation import Notes, attempt, words
+from ffsi.result.in_time import last_period, with_coefficients
+from ffsi.result.published import references_for
+from ffsi.result.quantities import flatten, published_value, unit
+from ffsi.result.table import TABLE, problems, row
+from ffsi.result.words import OUTCOMES, tally, time_line
+from ffsi.script.render import package_version
 from ffsi.text import printable
-from ffsi.unsteady import last_period, with_coefficients
 
 CAPTIONS = {
     "velocity": "Velocity magnitude and direction on the deformed mesh; grey: solid. "
@@ -152,7 +155,7 @@ def _pictures(result: Result, notes: Notes) -> list[dict[str, str]]:
     def image(name: str) -> dict[str, str]:
         return _image(result.picture(name), CAPTIONS[name])
 
-    names = figures.available(result.fields)
+    names = pictures.available(result.fields)
     found = [attempt(notes, f"picture of the {name}", lambda name=name: image(name)) for name in names]  # type: ignore[misc]
     return [each for each in found if each is not None]
 
@@ -185,9 +188,7 @@ def _in_time(result: Result) -> list[dict[str, str]]:
 
 
 def _sweep(directory: Path) -> Section:
-    from ffsi import study
-
-    if (directory / study.TABLE).is_file() and (wrong := study.problems(directory)):
+    if (directory / TABLE).is_file() and (wrong := problems(directory)):
         raise InputError("; ".join(wrong))
     results = load_results(directory)
     keys = list((results[-1].data.get("varied") or {}).keys())
@@ -223,8 +224,6 @@ def _planned(directory: Path) -> int:
 
 
 def _table(directory: Path, results: Sequence[Result], keys: Sequence[str]) -> pd.DataFrame:
-    from ffsi.study import TABLE, row
-
     path = directory / TABLE
     if path.is_file():
         return read_frame(path)
@@ -342,7 +341,7 @@ def _newton_text(data: Mapping[str, Any]) -> str:
 
 
 def _image(figure: Figure, caption: str) -> dict[str, str]:
-    data = base64.b64encode(figures.to_png(figure, dpi=140)).decode("ascii")
+    data = base64.b64encode(pictures.to_png(figure, dpi=140)).decode("ascii")
     return {"data": data, "caption": caption, "alt": caption.partition(".")[0].partition(";")[0]}
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import pandas as pd
 
-from ffsi.result import unit
+from ffsi.result.quantities import unit
 
 
 @dataclass

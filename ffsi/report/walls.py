@@ -10,9 +10,9 @@ import pandas as pd
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 
-from ffsi.fields import FLUID, Fields, FloatArray
 from ffsi.report.curves import LINES
-from ffsi.report.figures import FAINT, INK, Scale, canvas, colour_bar, outline, split_triangles, velocity
+from ffsi.result.fields import FLUID, Fields, FloatArray
+from ffsi.result.pictures import FAINT, INK, Scale, canvas, colour_bar, outline, split_triangles, velocity
 
 FLUID_COLOUR = "#c7dbef"
 WALL_COLOURS = ("#d98c86", "#8fbf8a")  # of the vessel and of the dome: red and green, as in the paper's figure

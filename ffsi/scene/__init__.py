@@ -1,6 +1,6 @@
 """What a scene is: models with units, TOML in and out, the catalogue, boundaries and their roles."""
 
-from ffsi.scene.boundaries import Boundary, Role, boundaries
+from ffsi.scene.boundaries import Boundary, Role
 from ffsi.scene.catalogue import CASES
 from ffsi.scene.errors import Problem, SceneError
 from ffsi.scene.expressions import Expression, ExpressionError
@@ -25,7 +25,7 @@ from ffsi.scene.geometry import (
 )
 from ffsi.scene.loads import Gravity, Support, Traction
 from ffsi.scene.materials import MooneyRivlin, NeoHookean, Solid, StVenantKirchhoff
-from ffsi.scene.model import Scene
+from ffsi.scene.model import Scene, boundaries
 from ffsi.scene.numerics import Mesh, MeshMotion, Output, Solver
 from ffsi.scene.outlet import Outlet
 from ffsi.scene.overrides import parse_overrides, with_values

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal
-
-if TYPE_CHECKING:
-    from ffsi.scene.model import Scene
+from dataclasses import dataclass
+from typing import Literal
 
 Role = Literal["inlet", "outlet", "no-slip", "interface", "clamped", "free", "loaded", "supported"]
 
@@ -39,14 +36,3 @@ class Boundary:
     circle: tuple[float, float, float] | None = None
     curved: bool = False
     outer: bool = False
-
-
-def boundaries(scene: Scene) -> list[Boundary]:
-    """Return the boundaries of the scene, sorted by label.
-
-    Vertices lie on the circles of all arcs; given displacements move mid-edge nodes of no-slip boundaries only.
-    """
-    found = scene.geometry.outline(scene.physics)
-    if scene.support is not None:
-        found = [replace(boundary, role="supported") if boundary.outer else boundary for boundary in found]
-    return sorted(found, key=lambda boundary: boundary.label)

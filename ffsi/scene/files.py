@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from ffsi.reading import MEGABYTE, InputError, read_text
+from ffsi.files.errors import InputError
+from ffsi.files.reading import MEGABYTE, read_text
 from ffsi.scene.catalogue import CASES
 from ffsi.scene.errors import Problem, SceneError, names, nearest, short
 from ffsi.scene.geometry import MeshGeometry

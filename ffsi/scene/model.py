@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -11,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from ffsi.scene.base import Table, refuse
+from ffsi.scene.boundaries import Boundary
 from ffsi.scene.errors import Problem, SceneError, join, names, nearest, short
 from ffsi.scene.flow import WOMERSLEY, Forces, Inflow, velocity_problems, with_mean_velocity
 from ffsi.scene.fluids import Fluid, PowerLaw
@@ -351,3 +353,14 @@ def _leaves(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, A
             yield from _leaves(value, key)
         else:
             yield key, value
+
+
+def boundaries(scene: Scene) -> list[Boundary]:
+    """Return the boundaries of the scene, sorted by label.
+
+    Vertices lie on the circles of all arcs; given displacements move mid-edge nodes of no-slip boundaries only.
+    """
+    found = scene.geometry.outline(scene.physics)
+    if scene.support is not None:
+        found = [replace(boundary, role="supported") if boundary.outer else boundary for boundary in found]
+    return sorted(found, key=lambda boundary: boundary.label)

@@ -10,14 +10,7 @@ from typing import Any
 from ffsi.scene.errors import Problem, SceneError, short
 from ffsi.scene.flow import VELOCITIES, WAVEFORMS
 from ffsi.scene.fluids import LAWS
-from ffsi.scene.materials import (
-    ELASTIC_CONSTANTS,
-    ELASTIC_PAIRS,
-    MATERIALS,
-    PAIRS_TEXT,
-    CompressibleElastic,
-    Elastic,
-)
+from ffsi.scene.materials import ELASTIC_CONSTANTS, ELASTIC_PAIRS, MATERIALS, PAIRS_TEXT, CompressibleElastic, Elastic
 from ffsi.scene.model import Scene
 from ffsi.scene.outlet import KEYS, PRESSURES
 from ffsi.scene.toml import parse_value

@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
-from ffsi.reading import MEGABYTE, read_text
+from ffsi.files.reading import MEGABYTE, read_text
 from ffsi.text import listed
 
 COLUMNS = ["t", "value"]

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from ffsi.freefem import find_freefem, run_script
-from ffsi.result import Result
-from ffsi.run import solve
+from ffsi.hemodynamics.result import Result
+from ffsi.run.solve import solve
 from ffsi.scene import Scene, load_scene
 
 # A shell that starts the tests in the background ignores SIGINT, and so would the processes that they interrupt.

@@ -14,16 +14,16 @@ from conftest import scene_of
 from scipy.integrate import quad
 
 import ffsi
-from ffsi.hemodynamics.indices import read_cycle
+from ffsi.files.arrays import read_mesh, read_state
+from ffsi.files.cycles import read_cycle
+from ffsi.hemodynamics.result import Result
 from ffsi.hemodynamics.walls import wall_labels, wall_points, wall_shear_stress
-from ffsi.rawfiles import read_mesh, read_state
 from ffsi.report import write_report
-from ffsi.result import Result
-from ffsi.run import solve
+from ffsi.run.solve import solve
 from ffsi.scene import CASES, Scene
-from ffsi.verification.far_from_dome import far_flow
+from studies.verification.far_from_dome import far_flow
 
-COMMAND = [sys.executable, "-c", "from ffsi.cli import main; main()"]
+COMMAND = [sys.executable, "-c", "from ffsi.cli.main import main; main()"]
 RADII = 6e-3, 8e-3
 FLOW_RATE, VISCOSITY = 0.1 / 3 * 2e-3, 3.5e-3
 

@@ -8,8 +8,8 @@ from scipy.integrate import solve_ivp
 
 import ffsi
 from ffsi.freefem import Event
-from ffsi.result import Result
-from ffsi.run import solve
+from ffsi.hemodynamics.result import Result
+from ffsi.run.solve import solve
 from ffsi.scene import CASES, Scene
 
 RAMPED = {"mean_velocity": 0.1, "waveform": "mca", "ramp": 0.2}

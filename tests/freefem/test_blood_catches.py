@@ -3,11 +3,11 @@
 import pytest
 from conftest import scene_of
 
+from ffsi.files.steps import write_steps_json
 from ffsi.freefem import FreeFEMError
 from ffsi.reference import check_run
-from ffsi.render import render
 from ffsi.scene import Scene
-from ffsi.timesteps import write_steps_json
+from ffsi.script.render import render
 
 REVERSED = "-1.5 * 4 * y * (H - y) / H^2"  # the flow comes in at the outlet
 WINDKESSEL = {"kind": "windkessel", "proximal_resistance": 3.0, "distal_resistance": 5.0, "compliance": 0.1}

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from ffsi.references import references_for
+from ffsi.result.published import references_for
 from ffsi.scene import CASES, Scene, boundaries
 
 STEADY = {name: scene for name, scene in CASES.items() if scene.time is None}
@@ -252,7 +252,7 @@ def test_the_parameters_are_those_of_the_scene(solved, case):
 @pytest.mark.parametrize("case", STEADY)
 def test_every_boundary_has_its_label(solved, case):
     """Straight boundaries have their exact length; arcs are polygons with their corners on the circle."""
-    from ffsi.rawfiles import read_mesh
+    from ffsi.files.arrays import read_mesh
 
     result = solved(case)
     mesh = read_mesh(result.directory / "mesh.bin")

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from conftest import scene_of
 
+from ffsi.files.arrays import RawState, read_mesh, read_state, write_state
 from ffsi.freefem import FreeFEMError
-from ffsi.rawfiles import RawState, read_mesh, read_state, write_state
 from ffsi.reference import check_run
 from ffsi.reference.from_scene import problem_from_scene
 from ffsi.reference.solve import solve
 from ffsi.reference.system import System
-from ffsi.render import render
+from ffsi.script.render import render
 
 # At level 0 the far outlet has so few edges that its term may vanish by symmetry. A near one has several.
 NEAR_OUTLET = "geometry.length=1"

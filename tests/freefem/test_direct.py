@@ -9,10 +9,10 @@ import pandas as pd
 import pytest
 from conftest import scene_of
 
-from ffsi.rawfiles import read_mesh, read_state
+from ffsi.files.arrays import read_mesh, read_state
 from ffsi.reference import check_run
-from ffsi.render import is_runtime_parameter, render
 from ffsi.scene import CASES, with_values
+from ffsi.script.render import is_runtime_parameter, render
 
 STEADY = {name: scene for name, scene in CASES.items() if scene.time is None}
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from units_scaling import factor_of, in_units
 
-from ffsi.fields import Fields
+from ffsi.files.arrays import RawMesh, read_mesh, read_state
 from ffsi.hemodynamics.aneurysm import AneurysmState
-from ffsi.rawfiles import RawMesh, read_mesh, read_state
-from ffsi.report import figures
-from ffsi.result import unit
+from ffsi.result import pictures
+from ffsi.result.fields import Fields
+from ffsi.result.quantities import unit
 
 UNITS = [(1e-6, 1.0, 1.0), (1e6, 1e-6, 1e6), (1e-6, 1e6, 1e-6), (1e6, 1e6, 1.0), (1.0, 1e-6, 1e-6)]
 NAMES = {"wall_shear_stress": "Pa", "effective_stress": "Pa"}
@@ -44,7 +44,7 @@ def test_an_aneurysm_in_other_units(solved, units):
     at = mesh.vertices[mesh.triangles].mean(axis=1)
     for name, factor in {"ux": length, "vy": speed, "p": stress, "region": 1.0}.items():
         assert_close(fields.sample(length * at)[name], result.fields.sample(at)[name] * factor)
-    assert all(len(figures.to_png(figures.draw(name, fields), 50)) > 1000 for name in figures.available(fields))
+    assert all(len(pictures.to_png(pictures.draw(name, fields), 50)) > 1000 for name in pictures.available(fields))
 
 
 def vars_of(mesh: RawMesh) -> dict[str, np.ndarray]:

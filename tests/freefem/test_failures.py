@@ -14,12 +14,12 @@ import pandas as pd
 import pytest
 from conftest import scene_of
 
+from ffsi.files.arrays import RawState, read_mesh, read_state, write_state
 from ffsi.freefem import FreeFEMError
-from ffsi.rawfiles import RawState, read_mesh, read_state, write_state
-from ffsi.result import load_result
-from ffsi.run import solve
+from ffsi.hemodynamics.result import load_result
+from ffsi.run.solve import solve
 
-COMMAND = [sys.executable, "-c", "from ffsi.cli import main; main()"]
+COMMAND = [sys.executable, "-c", "from ffsi.cli.main import main; main()"]
 LEVEL_0 = ["--set", "mesh.level=0"]
 PLAIN = ["--set", "output.pictures=false", "--set", "output.vtu=false"]
 VELOCITIES = [round(0.012 * i, 3) for i in range(1, 11)]

@@ -1,12 +1,12 @@
-"""A minute of the hard cases (`ffsi verify --hard`): those marked quick, each as expected."""
+"""A minute of the hard cases (`python -m studies verify --hard`): those marked quick, each as expected."""
 
 from pathlib import Path
 
 import pytest
 
-from ffsi.verification.hard_entries import load, select
-from ffsi.verification.hard_runs import Outcome, run
-from ffsi.verification.hard_verdicts import GOOD, judge
+from studies.verification.hard_entries import load, select
+from studies.verification.hard_runs import Outcome, run
+from studies.verification.hard_verdicts import GOOD, judge
 
 ENTRIES = load()[1]
 QUICK = [name for name, entry in ENTRIES.items() if entry.quick]

@@ -4,8 +4,8 @@ import math
 
 import pytest
 
-from ffsi.result import Result
-from ffsi.run import solve
+from ffsi.hemodynamics.result import Result
+from ffsi.run.solve import solve
 from ffsi.scene import Scene, load_scene
 
 QUIET = ["mesh.level=0", "output.pictures=false", "output.vtu=false"]

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from ffsi.freefem import run_script
-from ffsi.render import render
 from ffsi.scene import CASES, Scene
+from ffsi.script.render import render
 
 INLET = "real inletX = 0, inletY = 0, inwardX = 1, inwardY = 0,"
 LAST_OF_MESH = "  ShapeMesh();\n  return 0;"

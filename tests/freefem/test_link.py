@@ -4,8 +4,8 @@ from time import monotonic
 
 import pytest
 
-from ffsi.doctor import diagnose, healthy
 from ffsi.freefem import FreeFEMError, find_freefem, run_script
+from ffsi.freefem.doctor import diagnose, healthy
 
 SOLVE = """\
 mesh Th = square(3, 3);

@@ -9,8 +9,8 @@ from conftest import scene_of
 from manufactured import DENSITY, LAMBDA, MU, SOLID_DENSITY, SWINGING, VISCOSITY, Exact, Swing, beating, det, vector
 from told import FLUID, SOLID, Solution, both_mesh, replaced, solid_mesh, told, write
 
+from ffsi.files.arrays import read_mesh, read_state
 from ffsi.freefem import run_script
-from ffsi.rawfiles import read_mesh, read_state
 from ffsi.scene import Scene
 
 WEIGHT = 0.7

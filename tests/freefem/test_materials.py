@@ -8,16 +8,16 @@ import pandas as pd
 import pytest
 from conftest import scene_of
 
+from ffsi.files.arrays import read_mesh, read_state
 from ffsi.freefem import run_script
-from ffsi.point import CHECKED
-from ffsi.rawfiles import read_mesh, read_state
+from ffsi.hemodynamics.result import Result
 from ffsi.reference.from_scene import problem_from_scene
 from ffsi.reference.materials import IDENTITY, cofactor, determinant, dilatation
 from ffsi.reference.system import System
-from ffsi.render import parameters, render
-from ffsi.result import Result
+from ffsi.result.quantities import CHECKED
 from ffsi.scene import Scene
 from ffsi.scene.materials import MATERIALS, WithFormulation
+from ffsi.script.render import parameters, render
 
 # Cook's membrane with a moderate Poisson's ratio, 0.35 or near it, where both forms work.
 COMPRESSIBLE = {

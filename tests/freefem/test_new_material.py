@@ -19,7 +19,7 @@ import pytest
 from conftest import PLAIN
 from test_materials import FRESH, assert_quadratic
 
-from ffsi.rawfiles import RawState, read_mesh, read_state
+from ffsi.files.arrays import RawState, read_mesh, read_state
 from ffsi.reference import materials
 from ffsi.scene import SceneError, load_scene
 
@@ -108,7 +108,7 @@ def differing(root: Path) -> tuple[set[str], set[str]]:
 
 def ffsi(root: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     """Call the copy's command line."""
-    code = f"import sys, ffsi.cli; assert ffsi.cli.__file__.startswith({str(root)!r}); ffsi.cli.main(sys.argv[1:])"
+    code = f"import sys, ffsi.cli.main as m; assert m.__file__.startswith({str(root)!r}); m.main(sys.argv[1:])"
     environment = os.environ | {"PYTHONPATH": str(root)}
     command = [sys.executable, "-c", code, *arguments]
     return subprocess.run(command, cwd=root, env=environment, capture_output=True, text=True, timeout=120)

@@ -11,11 +11,11 @@ import pytest
 from conftest import PLAIN
 
 import ffsi
+from ffsi.hemodynamics.result import Result
 from ffsi.reference import check_run
-from ffsi.render import render
-from ffsi.result import Result
-from ffsi.run import solve
+from ffsi.run.solve import solve
 from ffsi.scene import Scene, load_scene
+from ffsi.script.render import render
 
 COARSE = ["mesh.level=0", "mesh.size_factor=2", *PLAIN]
 QUIET = {"pictures": False, "vtu": False}

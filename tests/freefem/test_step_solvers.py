@@ -8,9 +8,9 @@ import pandas as pd
 import pytest
 from conftest import PLAIN
 
-from ffsi.rawfiles import read_mesh, read_state
-from ffsi.result import Result
-from ffsi.run import solve
+from ffsi.files.arrays import read_mesh, read_state
+from ffsi.hemodynamics.result import Result
+from ffsi.run.solve import solve
 from ffsi.scene import load_scene
 
 SMALL = ["mesh.level=0", "mesh.size_factor=2", "time.stop=end", *PLAIN]

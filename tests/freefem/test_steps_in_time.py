@@ -5,8 +5,8 @@ import pandas as pd
 import pytest
 from conftest import PLAIN
 
-from ffsi.result import Result
-from ffsi.run import solve
+from ffsi.hemodynamics.result import Result
+from ffsi.run.solve import solve
 from ffsi.scene import Scene, load_scene
 
 SWING = ["mesh.level=0", "time.end=0.4", "time.stop=end"]

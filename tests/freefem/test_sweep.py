@@ -8,9 +8,9 @@ import pandas as pd
 import pytest
 from conftest import scene_of
 
-from ffsi.rawfiles import read_mesh
-from ffsi.result import load_results
-from ffsi.study import sweep
+from ffsi.files.arrays import read_mesh
+from ffsi.hemodynamics.result import load_results
+from ffsi.run.sweep import sweep
 
 VELOCITY, VISCOSITY = "inflow.mean_velocity", "fluid.viscosity"
 VELOCITIES = [0.03, 0.06, 0.09, 0.12]

@@ -8,9 +8,9 @@ import tomli_w
 from conftest import PLAIN
 from unit.vessel_meshes import Drawing
 
-from ffsi.rawfiles import read_mesh, read_state
-from ffsi.result import Result
-from ffsi.run import solve
+from ffsi.files.arrays import read_mesh, read_state
+from ffsi.hemodynamics.result import Result
+from ffsi.run.solve import solve
 from ffsi.scene import load_scene
 
 # On the upper edge, on an edge between two triangles, within two triangles: all off the nodes and off the middles.

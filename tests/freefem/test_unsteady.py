@@ -14,16 +14,16 @@ import pytest
 from conftest import PLAIN
 
 import ffsi
-from ffsi import folder
+from ffsi.files import folder
+from ffsi.files.manifest import Recorder
 from ffsi.freefem import Event
-from ffsi.record import Recorder
+from ffsi.hemodynamics.result import Result, load_result
 from ffsi.reference import check_run
-from ffsi.render import render
-from ffsi.result import Result, load_result
-from ffsi.run import solve
+from ffsi.run.solve import solve
 from ffsi.scene import Scene, load_scene
+from ffsi.script.render import render
 
-COMMAND = [sys.executable, "-c", "from ffsi.cli import main; main()"]
+COMMAND = [sys.executable, "-c", "from ffsi.cli.main import main; main()"]
 STEPS = [
     *("mesh.level=0", "time.step=0.01", "time.end=0.3", "time.stop=end"),
     *("time.output_interval=0.07", "time.checkpoint_interval=0.08"),
@@ -183,7 +183,7 @@ def test_the_stop_file_ends_a_run_cleanly_with_its_last_state(tmp_path):
 
 
 def test_it_stops_when_it_is_periodic(tmp_path, monkeypatch):
-    monkeypatch.setattr("ffsi.unsteady.LOOK_EVERY", 0.2)
+    monkeypatch.setattr("ffsi.run.watch.LOOK_EVERY", 0.2)
     steps = ["mesh.level=0", "time.step=0.02", "time.shift=0.3", "time.end=200"]
     result = solve(load_scene("turek-csm3", [*steps, *PLAIN]), tmp_path / "run")
     assert result.converged, result.reason

@@ -15,9 +15,9 @@ import pandas as pd
 import pytest
 import tomli_w
 
-from ffsi.cli import main
-from ffsi.rawfiles import read_mesh
-from ffsi.result import load_result
+from ffsi.cli.main import main
+from ffsi.files.arrays import read_mesh
+from ffsi.hemodynamics.result import load_result
 from ffsi.scene import boundaries, load_scene
 
 INNER, LUMEN, OUTER = 6.0, 9.0, 9.6  # radii of a bent vessel in mm: rigid inner wall, interface, outside of the wall

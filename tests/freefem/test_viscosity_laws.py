@@ -11,11 +11,11 @@ from test_newton import orders
 
 import ffsi
 from ffsi.freefem import run_script
-from ffsi.render import parameters, render
-from ffsi.result import Result
-from ffsi.run import solve
+from ffsi.hemodynamics.result import Result
+from ffsi.run.solve import solve
 from ffsi.scene import Fluid, Scene
 from ffsi.scene.fluids import LAWS
+from ffsi.script.render import parameters, render
 
 DENSITY, HALF, LENGTH = 1060.0, 1e-3, 30e-3
 CARREAU = {"law": "carreau", "density": DENSITY}

@@ -12,11 +12,11 @@ from pathlib import Path
 import numpy as np
 from manufactured import Exact
 
-from ffsi.rawfiles import Floats, RawMesh, RawState, write_arrays
+from ffsi.files.arrays import Floats, RawMesh, RawState, write_arrays
 from ffsi.reference.elements import Elements, gauss_rule, line_basis
 from ffsi.reference.structured import structured_mesh
-from ffsi.render import render
 from ffsi.scene import Scene
+from ffsi.script.render import render
 
 FLUID, SOLID = 1, 2
 INLET, OUTLET, WALL, INTERFACE, CLAMPED = 1, 2, 3, 5, 6

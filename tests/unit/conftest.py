@@ -8,9 +8,9 @@ import pytest
 from run_folders import FakeCheck, FakeFreeFEM
 from time_folders import FakeTimeFreeFEM
 
-from ffsi import run, study, unsteady
-from ffsi.bench import unsteady as bench_unsteady
-from ffsi.verification import periodic_runs
+from ffsi.run import chain, execute, solve, sweep, watch
+from studies.bench import unsteady as bench_unsteady
+from studies.verification import periodic_runs
 
 # A shell that starts the tests in the background ignores SIGINT, and so would the processes that they interrupt.
 signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -19,23 +19,23 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 @pytest.fixture
 def freefem(monkeypatch) -> FakeFreeFEM:
     fake = FakeFreeFEM()
-    monkeypatch.setattr(run, "run_script", fake.run_script)
-    for module in (run, study):
+    monkeypatch.setattr(execute, "run_script", fake.run_script)
+    for module in (solve, chain, sweep):
         monkeypatch.setattr(module, "find_freefem", lambda: SimpleNamespace(has_mumps=True))
-    monkeypatch.setattr(run, "render", lambda scene, mumps: f"// {scene.name}, MUMPS {mumps}\n")
+    monkeypatch.setattr(execute, "render", lambda scene, mumps: f"// {scene.name}, MUMPS {mumps}\n")
     return fake
 
 
 @pytest.fixture
 def in_time(monkeypatch) -> FakeTimeFreeFEM:
     fake = FakeTimeFreeFEM()
-    monkeypatch.setattr(run, "run_script", fake.run_script)
-    for module in (run, study, periodic_runs, bench_unsteady):
+    monkeypatch.setattr(execute, "run_script", fake.run_script)
+    for module in (solve, chain, sweep, periodic_runs, bench_unsteady):
         monkeypatch.setattr(module, "find_freefem", lambda: SimpleNamespace(has_mumps=True))
-    for module in (run, periodic_runs, bench_unsteady):
+    for module in (execute, periodic_runs, bench_unsteady):
         monkeypatch.setattr(module, "render", lambda scene, mumps: f"// {scene.name}, MUMPS {mumps}\n")
-    monkeypatch.setattr(unsteady, "LOOK_EVERY", 0.0)
-    monkeypatch.setattr(unsteady, "SHARE", math.inf)
+    monkeypatch.setattr(watch, "LOOK_EVERY", 0.0)
+    monkeypatch.setattr(watch, "SHARE", math.inf)
     return fake
 
 

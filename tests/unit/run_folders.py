@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from ffsi import seals
+from ffsi.files import seals
+from ffsi.files.arrays import RawMesh, RawState, write_mesh, write_state
 from ffsi.freefem import Completed, Event, FreeFEMError
-from ffsi.rawfiles import RawMesh, RawState, write_mesh, write_state
 from ffsi.scene import load_scene
 
 NEWTON = """point,loadFactor,stage,unknowns,iteration,residual,correction,step,factorized,min_jacobian,seconds
@@ -159,7 +159,7 @@ class FakeCheck:
         self.wrong: float | None = None
         self.calls: list[tuple[float, int]] = []
 
-    def __call__(self, directory: Path, scene: Any, point: int = 1) -> SimpleNamespace:
+    def __call__(self, directory: Path, scene: Any, point: int = 1, **_: Any) -> SimpleNamespace:
         velocity = scene.inflow.mean_velocity
         self.calls.append((velocity, point))
         failures = ["momentum: the relative residual of the momentum is 1.00e-03"] if velocity == self.wrong else []

@@ -6,16 +6,17 @@ from types import SimpleNamespace
 import pandas as pd
 import pytest
 
-from ffsi import bench, cli
-from ffsi.bench import costs, levels, mesh_motion, scenes
-from ffsi.bench.costs import RATIOS, cost_row, marked, ratios
-from ffsi.bench.levels import level_table, ratio_table, to_row
-from ffsi.bench.mesh_motion import MOTIONS, SWEEPS, Motion, Sweep, Track, steps
-from ffsi.bench.scenes import FORMULATIONS, formulation_rows, formulation_table, scene_table
-from ffsi.folder import InputError
+from ffsi.files.errors import InputError
 from ffsi.freefem import FreeFEMError
 from ffsi.scene import CASES, load_scene
-from ffsi.verification import Measurement
+from studies import bench
+from studies.__main__ import main
+from studies.bench import costs, levels, mesh_motion, scenes
+from studies.bench.costs import RATIOS, cost_row, marked, ratios
+from studies.bench.levels import level_table, ratio_table, to_row
+from studies.bench.mesh_motion import MOTIONS, SWEEPS, Motion, Sweep, Track, steps
+from studies.bench.scenes import FORMULATIONS, formulation_rows, formulation_table, scene_table
+from studies.verification import Measurement
 
 TIMINGS = {
     "mesh": 0.1, "operators": 0.3, "residual": 0.05, "jacobian": 0.35, "factorize": 0.5, "solve": 0.1, "output": 0.15,
@@ -96,7 +97,7 @@ def test_table_picture_and_readme_are_written(tmp_path, monkeypatch, capsys):
     assert frame["script_seconds"].tolist() == [2, 4]
     assert (tmp_path / "results/bench-turek-fsi1.png").read_bytes().startswith(b"\x89PNG")
     text = readme.read_text()
-    assert "Written by `ffsi bench --levels 0,1 --repeat 2`" in text
+    assert "Written by `python -m studies bench --levels 0,1 --repeat 2`" in text
     assert "(results/bench-turek-fsi1.png)" in text
     out = capsys.readouterr().out
     assert "errors against hp" in out
@@ -194,7 +195,7 @@ def test_scenes_are_run_and_written(tmp_path, runs, capsys):
     assert len(pd.read_csv(tmp_path / "results/bench-scenes.csv")) == len(CASES.steady)
     assert pd.read_csv(tmp_path / "results/bench-formulations.csv")["quotient_newton"].tolist() == [1] * 9
     text = readme.read_text()
-    assert "Written by `ffsi bench --scenes --repeat 2`" in text
+    assert "Written by `python -m studies bench --scenes --repeat 2`" in text
     assert "(results/bench-formulations.csv)" in text
     assert "Formulations of the solid" in capsys.readouterr().out
 
@@ -333,7 +334,7 @@ def test_mesh_motions_are_run_and_written(tmp_path, monkeypatch, capsys):
     assert (tmp_path / "results/mesh-motion.png").read_bytes().startswith(b"\x89PNG")
     text = (tmp_path / "results/mesh-motion.md").read_text()
     assert "rigid roof, harmonic, constant: failed at 0.02 m/s: the fluid mesh folds" in text
-    assert "Written by `ffsi bench --mesh-motion`" in readme.read_text()
+    assert "Written by `python -m studies bench --mesh-motion`" in readme.read_text()
     out, err = capsys.readouterr()
     assert "hyperelastic, size" in out
     assert "and so on" in err
@@ -364,7 +365,7 @@ def test_the_kind_of_measurement_is_chosen_by_its_option(monkeypatch, words, mod
     seen = []
     monkeypatch.setattr(module, "main", lambda **given: seen.append(given) or ["not-converged"])
     with pytest.raises(SystemExit) as ended:
-        cli.main(["bench", *words])
+        main(["bench", *words])
     assert (ended.value.code, seen) == (3, [options])
 
 
@@ -372,7 +373,7 @@ def test_without_it_one_case_is_measured(monkeypatch):
     seen = []
     monkeypatch.setattr(bench, "main", lambda *given, **options: seen.append((given, options)) or [""])
     with pytest.raises(SystemExit) as ended:
-        cli.main(["bench", "--case", "cook", "--levels", "1", "--repeat", "2"])
+        main(["bench", "--case", "cook", "--levels", "1", "--repeat", "2"])
     assert (ended.value.code, seen) == (0, [(([1], "cook"), {"repeat": 2})])
 
 
@@ -380,13 +381,13 @@ def test_without_it_one_case_is_measured(monkeypatch):
     ("words", "message"),
     [
         (["--scenes", "--mesh-motion"], "either --scenes or --mesh-motion"),
-        (["--scenes", "--levels", "1"], "ffsi bench --scenes has no option --levels"),
-        (["--mesh-motion", "--repeat", "2"], "ffsi bench --mesh-motion has no option --repeat"),
-        (["--level", "1"], "ffsi bench has no option --level"),
+        (["--scenes", "--levels", "1"], "python -m studies bench --scenes has no option --levels"),
+        (["--mesh-motion", "--repeat", "2"], "python -m studies bench --mesh-motion has no option --repeat"),
+        (["--level", "1"], "python -m studies bench has no option --level"),
     ],
 )
 def test_options_of_another_kind_are_refused(capsys, words, message):
     with pytest.raises(SystemExit) as ended:
-        cli.main(["bench", *words])
+        main(["bench", *words])
     assert ended.value.code == 2
     assert message in capsys.readouterr().err

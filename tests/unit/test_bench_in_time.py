@@ -1,4 +1,4 @@
-"""`ffsi bench --unsteady`: where steps start from, which of them count, ratios, files."""
+"""`python -m studies bench --unsteady`: where steps start from, which of them count, ratios, files."""
 
 import math
 
@@ -7,13 +7,14 @@ import pandas as pd
 import pytest
 from test_cli import call
 
-from ffsi import folder, unsteady
-from ffsi.bench import time_steps
-from ffsi.bench import unsteady as bench
-from ffsi.bench.time_steps import FINEST
-from ffsi.folder import InputError
+from ffsi.files import folder
+from ffsi.files.errors import InputError
+from ffsi.run import watch
 from ffsi.scene import load_scene
-from ffsi.verification.periodic_runs import TimeRun
+from studies.bench import time_steps
+from studies.bench import unsteady as bench
+from studies.bench.time_steps import FINEST
+from studies.verification.periodic_runs import TimeRun
 
 README = "<!-- bench-unsteady:begin -->\nold\n<!-- bench-unsteady:end -->\n"
 SETTINGS = ("mesh.level=0", "inflow.ramp=0.1", "time.checkpoint_interval=0.25")
@@ -38,7 +39,7 @@ def swing(step: float, error: float = 100.0, failure: str = "") -> TimeRun:
 @pytest.fixture
 def in_time(in_time, monkeypatch):
     """The stand-in, without looks at its progress: they cost more than all the rest."""
-    monkeypatch.setattr(unsteady, "LOOK_EVERY", math.inf)
+    monkeypatch.setattr(watch, "LOOK_EVERY", math.inf)
     return in_time
 
 
@@ -78,7 +79,7 @@ def test_steps_start_from_the_developed_motion_and_its_ends_do_not_count(tmp_pat
     assert condensed["rebuilds_per_100_steps"] == pytest.approx(100 * 2 / 20)
     assert condensed["ratio"] == pytest.approx(1.0)
     assert math.isnan(newton["ratio"])
-    assert "Written by `ffsi bench --unsteady --repeat 2`" in readme.read_text()
+    assert "Written by `python -m studies bench --unsteady --repeat 2`" in readme.read_text()
     assert "| small flag | 900 | condensed | 0.010 | 0.010 | 0.02 | 1.0 ! |" in readme.read_text()
     assert "plain Newton" in capsys.readouterr().out
     assert bench.main(**given) == [""] * 12
@@ -142,4 +143,4 @@ def test_the_command_line(capsys, monkeypatch):
     assert call(capsys, "bench", "--unsteady", "--repeat", "3")[0] == 0
     assert seen == [{"repeat": 3}]
     code, _, err = call(capsys, "bench", "--unsteady", "--level", "1")
-    assert (code, "ffsi bench --unsteady has no option --level" in err) == (2, True)
+    assert (code, "python -m studies bench --unsteady has no option --level" in err) == (2, True)

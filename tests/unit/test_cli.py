@@ -8,10 +8,12 @@ from types import SimpleNamespace
 import pytest
 from run_folders import make_run
 
-from ffsi import run, show
-from ffsi.cli import main
+from ffsi.cli import show
+from ffsi.cli.main import main
 from ffsi.freefem import FreeFEMNotFound
+from ffsi.run import solve
 from ffsi.scene import CASES
+from studies.__main__ import main as studies
 
 LEVEL = ["--set", "mesh.level=0"]
 SWEEP = ["sweep", "flap-svk", "--out", "s"]
@@ -23,10 +25,13 @@ def in_an_empty_folder(tmp_path, monkeypatch):
     monkeypatch.setenv("COLUMNS", "300")
 
 
+STUDIES = ("verify", "bench", "paper")
+
+
 def call(capsys, *arguments: str) -> tuple[int, str, str]:
     """Exit code, stdout, and stderr without the boxes and line breaks of the usage errors."""
     with pytest.raises(SystemExit) as stopped:
-        main(arguments)
+        (studies if arguments[0] in STUDIES else main)(list(arguments))
     out, err = capsys.readouterr()
     return int(stopped.value.code or 0), out, re.sub(r"[\s│╭╮╰╯─]+", " ", err)
 
@@ -73,7 +78,7 @@ BAD_INPUT = [
     (["bench", "--levels", "a"], "--levels takes integers"),
     (["bench", "--levels", "0,7"], "from 0 to 4"),
     (["paper", "--cases", "one"], "--cases takes integers separated by commas"),
-    (["paper", "--aneurysm", "--jobs", "2"], "ffsi paper --aneurysm has no option --jobs"),
+    (["paper", "--aneurysm", "--jobs", "2"], "python -m studies paper --aneurysm has no option --jobs"),
     (["paper", "--cases", "1,1"], "a number occurs twice"),
     (["paper", "--cases", "1,4"], "the paper has the cases 1, 2, 3, not 4"),
     (["paper", "--level", "5"], "mesh.level = 5"),
@@ -151,7 +156,7 @@ def test_an_earlier_result_is_not_taken_for_that_of_a_run_that_never_started(cap
     def missing():
         raise FreeFEMNotFound("missing-binary", "no FreeFem++ on this machine")
 
-    monkeypatch.setattr(run, "find_freefem", missing)
+    monkeypatch.setattr(solve, "find_freefem", missing)
     code, out, err = call(capsys, "run", "flap-svk", *LEVEL, "--json")
     assert code == 4
     assert json.loads(out)["status"] == "failed"
@@ -219,7 +224,7 @@ def test_cases_are_listed(capsys):
 def test_bench_passes_its_numbers_on(capsys, monkeypatch):
     seen = []
     fake = SimpleNamespace(main=lambda levels, case: seen.append((levels, case)) or [""])
-    monkeypatch.setitem(__import__("sys").modules, "ffsi.bench", fake)
+    monkeypatch.setitem(__import__("sys").modules, "studies.bench", fake)
     assert call(capsys, "bench", "--levels", "0,2")[0] == 0
     assert seen == [([0, 2], "turek-fsi1")]
 
@@ -232,7 +237,7 @@ def test_paper_passes_its_options_on_and_ends_with_the_worst_failure(capsys, mon
         seen.append((numbers, options))
         return failures
 
-    monkeypatch.setattr("ffsi.paper.main", reproduce)
+    monkeypatch.setattr("studies.paper.main", reproduce)
     words = ["--cases", "1,3", "--level", "0", "--jobs", "2", "--out", "there", "--runs", "sweeps"]
     assert call(capsys, "paper", *words)[0] == code
     assert call(capsys, "paper")[0] == code

@@ -10,11 +10,12 @@ from test_cli import call
 from time_folders import scene_in_time
 
 import ffsi
-from ffsi import folder, run, study
-from ffsi.folder import InputError
+from ffsi.files import folder
+from ffsi.files.errors import InputError
 from ffsi.freefem import FreeFEMError
+from ffsi.hemodynamics.result import load_result, load_results
 from ffsi.report import write_report
-from ffsi.result import load_result, load_results
+from ffsi.run import solve, sweep
 from ffsi.scene import load_scene
 
 pytestmark = pytest.mark.usefixtures("check")
@@ -109,10 +110,10 @@ def refused_by_check(capsys, directory: Path) -> bool:
 
 
 def test_what_is_whole_passes(capsys, tmp_path, freefem, made, copy_of):
-    directory = copy_of(made("steady", lambda path: run.solve(SCENE, path)))
+    directory = copy_of(made("steady", lambda path: solve.solve(SCENE, path)))
     assert load_result(directory).checked
     assert not refused_by_check(capsys, directory)
-    swept = made("sweep", lambda path: study.sweep(SCENE, VALUES, path))
+    swept = made("sweep", lambda path: sweep.sweep(SCENE, VALUES, path))
     assert not refused_by_check(capsys, swept)
     write_report([directory, swept], tmp_path / "report.html")
 
@@ -120,7 +121,7 @@ def test_what_is_whole_passes(capsys, tmp_path, freefem, made, copy_of):
 @pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize("name", STEADY)
 def test_a_damaged_run_is_noticed(capsys, tmp_path, freefem, made, copy_of, name, way):
-    directory = copy_of(made("steady", lambda path: run.solve(SCENE, path)))
+    directory = copy_of(made("steady", lambda path: solve.solve(SCENE, path)))
     WAYS[way](directory / name)
     assert refused_by_check(capsys, directory)
     with pytest.raises(ValueError):
@@ -130,7 +131,7 @@ def test_a_damaged_run_is_noticed(capsys, tmp_path, freefem, made, copy_of, name
 @pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize("name", IN_TIME)
 def test_a_damaged_run_in_time_is_noticed(capsys, tmp_path, in_time, made, copy_of, name, way):
-    directory = copy_of(made("time", lambda path: run.solve(scene_in_time(), path)))
+    directory = copy_of(made("time", lambda path: solve.solve(scene_in_time(), path)))
     WAYS[way](directory / name)
     assert refused_by_check(capsys, directory)
     with pytest.raises(ValueError):
@@ -139,7 +140,7 @@ def test_a_damaged_run_in_time_is_noticed(capsys, tmp_path, in_time, made, copy_
 
 def died_at_23(path: Path) -> None:
     with pytest.raises(FreeFEMError):
-        run.solve(scene_in_time(), path)
+        solve.solve(scene_in_time(), path)
     (path / "result.json").unlink()
 
 
@@ -148,7 +149,7 @@ def go_on(in_time, made, copy_of, damage) -> tuple[Path, Path]:
     in_time.die = 23
     directory = copy_of(made("died", died_at_23))
     in_time.die = None
-    whole = made("time", lambda path: run.solve(scene_in_time(), path))
+    whole = made("time", lambda path: solve.solve(scene_in_time(), path))
     damage(directory)
     in_time.first_steps.clear()
     assert ffsi.resume(directory).converged
@@ -212,7 +213,7 @@ def test_without_a_whole_checkpoint_a_run_does_not_go_on(in_time, made, copy_of,
 @pytest.mark.parametrize("name", ["history.csv", "point-0001.json", "point-0001.bin", "newton.csv"])
 def test_what_a_script_has_written_to_its_end_is_read_only_if_it_is_whole(in_time, made, copy_of, name, caplog):
     """Python was killed before it wrote the result; the last checkpoint is that of the last step."""
-    whole = made("time", lambda path: run.solve(scene_in_time(), path))
+    whole = made("time", lambda path: solve.solve(scene_in_time(), path))
     directory = copy_of(whole)
     (directory / "result.json").unlink()
     flip(directory / name)
@@ -228,13 +229,13 @@ def test_what_a_script_has_written_to_its_end_is_read_only_if_it_is_whole(in_tim
 @pytest.fixture(autouse=True)
 def no_pictures(monkeypatch):
     """Pictures take longer than all the rest, and nothing here looks at them."""
-    monkeypatch.setattr("ffsi.report.figures.to_png", lambda *arguments, **options: b"")
+    monkeypatch.setattr("ffsi.result.pictures.to_png", lambda *arguments, **options: b"")
 
 
 @pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize("name", SWEEP)
 def test_a_damaged_sweep_is_noticed_and_mended(capsys, tmp_path, freefem, made, copy_of, name, way):
-    directory = copy_of(made("sweep", lambda path: study.sweep(SCENE, VALUES, path)))
+    directory = copy_of(made("sweep", lambda path: sweep.sweep(SCENE, VALUES, path)))
     before = pd.read_csv(directory / "sweep.csv")
     WAYS[way](directory / name)
     assert refused_by_check(capsys, directory)
@@ -244,9 +245,9 @@ def test_a_damaged_sweep_is_noticed_and_mended(capsys, tmp_path, freefem, made, 
     freefem.solved.clear()
     if name == "sweep.toml":
         with pytest.raises(InputError):
-            study.sweep(SCENE, VALUES, directory)
+            sweep.sweep(SCENE, VALUES, directory)
         return
-    after = study.sweep(SCENE, VALUES, directory)
+    after = sweep.sweep(SCENE, VALUES, directory)
     told = ["drag", "status", "checked"]
     assert after[told].to_numpy().tolist() == before[told].to_numpy().tolist()
     mended = [] if name == "sweep.csv" or "result" in name else [0.02] if "0002" in name else [0.01, 0.02, 0.03]
@@ -254,25 +255,25 @@ def test_a_damaged_sweep_is_noticed_and_mended(capsys, tmp_path, freefem, made, 
     assert not refused_by_check(capsys, directory)
     write_report([directory], tmp_path / "report.html")
     freefem.solved.clear()
-    study.sweep(SCENE, VALUES, directory)
+    sweep.sweep(SCENE, VALUES, directory)
     assert freefem.solved == []
 
 
 def test_swapped_results_are_noticed(capsys, freefem, made, copy_of):
-    directory = copy_of(made("sweep", lambda path: study.sweep(SCENE, VALUES, path)))
+    directory = copy_of(made("sweep", lambda path: sweep.sweep(SCENE, VALUES, path)))
     one, two = (directory / "chain-001" / f"result-000{i}.json" for i in (1, 2))
     text = one.read_text()
     one.write_text(two.read_text())
     two.write_text(text)
     assert refused_by_check(capsys, directory)
-    assert study.sweep(SCENE, VALUES, directory)["drag"].tolist() == [0.02, 0.04, 0.06]
+    assert sweep.sweep(SCENE, VALUES, directory)["drag"].tolist() == [0.02, 0.04, 0.06]
     assert not refused_by_check(capsys, directory)
 
 
 def test_an_altered_result_with_another_checksum_is_noticed_by_its_files(capsys, freefem, made, copy_of):
-    from ffsi import seals
+    from ffsi.files import seals
 
-    directory = copy_of(made("steady", lambda path: run.solve(SCENE, path)))
+    directory = copy_of(made("steady", lambda path: solve.solve(SCENE, path)))
     data = json.loads((directory / "result.json").read_text())
     data["quantities"]["tip_ux"] = 9.99
     seals.write(directory / "result.json", data)
@@ -281,7 +282,7 @@ def test_an_altered_result_with_another_checksum_is_noticed_by_its_files(capsys,
 
 
 def test_a_result_of_an_older_version_is_not_called_checked(capsys, freefem, made, copy_of):
-    directory = copy_of(made("steady", lambda path: run.solve(SCENE, path)))
+    directory = copy_of(made("steady", lambda path: solve.solve(SCENE, path)))
     data = json.loads((directory / "result.json").read_text())
     del data["digest"]
     (directory / "result.json").write_text(json.dumps(data))
@@ -292,21 +293,21 @@ def test_a_result_of_an_older_version_is_not_called_checked(capsys, freefem, mad
 
 @pytest.mark.parametrize("name", ["case.edp", "mesh.bin", "result.json", "freefem.log", "history.csv"])
 def test_nothing_is_written_through_a_link(tmp_path, freefem, name):
-    run.solve(SCENE, tmp_path / "run")
+    solve.solve(SCENE, tmp_path / "run")
     (tmp_path / "precious.txt").write_text("mine")
     (tmp_path / "run" / name).unlink(missing_ok=True)
     (tmp_path / "run" / name).symlink_to(tmp_path / "precious.txt")
     with pytest.raises(InputError, match=f"{name} is a symbolic link"):
-        run.solve(SCENE, tmp_path / "run")
+        solve.solve(SCENE, tmp_path / "run")
     assert (tmp_path / "precious.txt").read_text() == "mine"
 
 
 def test_a_chain_elsewhere_is_refused(tmp_path, freefem):
-    study.sweep(SCENE, VALUES, tmp_path / "sweep")
+    sweep.sweep(SCENE, VALUES, tmp_path / "sweep")
     (tmp_path / "sweep" / "chain-001").rename(tmp_path / "elsewhere")
     (tmp_path / "sweep" / "chain-001").symlink_to(tmp_path / "elsewhere")
     with pytest.raises(InputError, match="chain-001 is a symbolic link"):
-        study.sweep(SCENE, VALUES, tmp_path / "sweep")
+        sweep.sweep(SCENE, VALUES, tmp_path / "sweep")
 
 
 def test_a_foreign_script_is_not_run(in_time, made, copy_of):
@@ -320,32 +321,32 @@ def test_a_foreign_script_is_not_run(in_time, made, copy_of):
 def test_a_sweep_in_time_computes_a_chain_with_a_foreign_script_anew(tmp_path, in_time):
     values = {"fluid.viscosity": [1.0]}
     in_time.die = 23
-    study.sweep(scene_in_time(), values, tmp_path / "s")
+    sweep.sweep(scene_in_time(), values, tmp_path / "s")
     in_time.die = None
     (tmp_path / "s" / "chain-001" / "case.edp").write_text('exec("id");\n')
-    assert study.sweep(scene_in_time(), values, tmp_path / "s")["status"].tolist() == ["converged"]
+    assert sweep.sweep(scene_in_time(), values, tmp_path / "s")["status"].tolist() == ["converged"]
     assert in_time.first_steps == [1, 1]
     assert "exec" not in (tmp_path / "s" / "chain-001" / "case.edp").read_text()
 
 
 def test_a_check_that_fails_on_files_that_nobody_watched_is_solved_again(tmp_path, freefem, check):
-    study.sweep(SCENE, VALUES, tmp_path / "s")
+    sweep.sweep(SCENE, VALUES, tmp_path / "s")
     (tmp_path / "s" / "chain-001" / "result-0002.json").unlink()
     check.wrong = 0.02  # as of a state that was damaged meanwhile
     freefem.solved.clear()
-    table = study.sweep(SCENE, VALUES, tmp_path / "s")
+    table = sweep.sweep(SCENE, VALUES, tmp_path / "s")
     assert freefem.solved == [0.02]
     assert table["failure"].tolist() == ["", "check", ""]  # it still fails: that is how it is
     freefem.solved.clear()
-    assert study.sweep(SCENE, VALUES, tmp_path / "s")["failure"].tolist() == ["", "check", ""]
+    assert sweep.sweep(SCENE, VALUES, tmp_path / "s")["failure"].tolist() == ["", "check", ""]
     assert freefem.solved == []
 
 
 def test_results_of_chains_that_follow_each_other_are_one_per_point(tmp_path, freefem):
     freefem.die = 0.03
-    study.sweep(SCENE, VALUES, tmp_path / "s")
+    sweep.sweep(SCENE, VALUES, tmp_path / "s")
     freefem.die = None
-    study.sweep(SCENE, VALUES, tmp_path / "s")
+    sweep.sweep(SCENE, VALUES, tmp_path / "s")
     results = load_results(tmp_path / "s")
     assert [result.data["varied"][KEY] for result in results] == [0.01, 0.02, 0.03]
     assert all(result.checked for result in results)

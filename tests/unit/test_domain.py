@@ -7,10 +7,10 @@ import tomli_w
 from run_folders import structured_mesh
 from vessel_meshes import scene_table, write_scene
 
-from ffsi import run
-from ffsi.cli import main
-from ffsi.domain import intended, meshed, words
+from ffsi.cli.main import main
 from ffsi.report import write_report
+from ffsi.result.domain import intended, meshed, words
+from ffsi.run import execute
 from ffsi.scene import CASES, load_scene
 
 
@@ -58,7 +58,7 @@ def test_it_is_shown_before_solving_and_kept(freefem, tmp_path, capsys, monkeypa
 
     seen: list[str] = []
     real = freefem.run_script
-    monkeypatch.setattr(run, "run_script", solve)
+    monkeypatch.setattr(execute, "run_script", solve)
     arguments = ["run", "flap-svk", "--no-check", "--set", "output.pictures=false", "--out", str(tmp_path / "run")]
     for json_only in (False, True):
         capsys.readouterr()

@@ -3,7 +3,7 @@
 import pandas as pd
 import pytest
 
-from ffsi.unsteady import energy_balance
+from ffsi.result.in_time import energy_balance
 
 
 def history(work: float) -> pd.DataFrame:

@@ -9,12 +9,13 @@ import pytest
 from run_folders import FakeCheck, FakeFreeFEM, make_run
 from time_folders import FakeTimeFreeFEM, scene_in_time
 
-from ffsi import run, unsteady
-from ffsi.cli import main
-from ffsi.evaluation import Notes, attempt, gather
-from ffsi.folder import InputError
+from ffsi.cli.main import main
+from ffsi.files.errors import InputError
+from ffsi.hemodynamics.result import Result, load_result
 from ffsi.hemodynamics.state import WallState
-from ffsi.result import Result, load_result
+from ffsi.result.evaluation import Notes, attempt, gather
+from ffsi.result.in_time import _quantities
+from ffsi.run import solve
 from ffsi.scene import load_scene
 
 LEVEL = ["--set", "mesh.level=0"]
@@ -55,8 +56,8 @@ def test_a_run_keeps_what_can_be_evaluated(tmp_path, freefem: FakeFreeFEM, check
     draw = Result.picture
     broken = fails("no ink")
     monkeypatch.setattr(Result, "picture", lambda self, name: broken() if name == "velocity" else draw(self, name))
-    monkeypatch.setattr("ffsi.vtu.write_vtu", fails())
-    result = run.solve(load_scene("flap-svk", ["mesh.level=0"]), tmp_path / "run")
+    monkeypatch.setattr("ffsi.result.vtu.write_vtu", fails())
+    result = solve.solve(load_scene("flap-svk", ["mesh.level=0"]), tmp_path / "run")
     assert (result.status, result.failure, len(check.calls)) == ("converged", "", 1)
     notes = [{"what": "VTU", "why": "no such thing"}, {"what": "picture of the velocity", "why": "no ink"}]
     assert load_result(tmp_path / "run").not_evaluated == result.not_evaluated == notes
@@ -66,10 +67,10 @@ def test_a_run_keeps_what_can_be_evaluated(tmp_path, freefem: FakeFreeFEM, check
 
 def test_the_walls_keep_what_can_be_evaluated(tmp_path, freefem: FakeFreeFEM, check: FakeCheck, monkeypatch) -> None:
     """Flow rates and stress along the walls of what passes for a vessel here."""
-    monkeypatch.setattr("ffsi.hemodynamics.state.reports_walls", lambda scene: True)
+    monkeypatch.setattr("ffsi.hemodynamics.result.reports_walls", lambda scene: True)
     monkeypatch.setattr(WallState, "_stress_by_part", fails("no stress"))
     monkeypatch.setattr("ffsi.hemodynamics.state.at_nodes", fails("no nodes"))
-    result = run.solve(load_scene("flap-svk", ["mesh.level=0"]), tmp_path / "run")
+    result = solve.solve(load_scene("flap-svk", ["mesh.level=0"]), tmp_path / "run")
     assert result.converged and "mass_balance" in result.quantities and "drag" in result.quantities
     assert [note["what"] for note in result.not_evaluated] == [
         "wall shear stress by part", "field of the wall shear stress",
@@ -102,8 +103,8 @@ def test_a_history_with_gaps_has_no_means() -> None:
     notes: Notes = []
     time = 0.1 * np.arange(1, 40)
     history = pd.DataFrame({"time": time, "step": 0.1, "lift": np.sin(6 * time), "min_jacobian": 0.5})
-    assert set(unsteady._quantities(history, notes)) == {"lift", "min_jacobian"} and notes == []
-    assert unsteady._quantities(history.drop(index=[30, 31]), notes) == {"min_jacobian": 0.5}
+    assert set(_quantities(history, notes)) == {"lift", "min_jacobian"} and notes == []
+    assert _quantities(history.drop(index=[30, 31]), notes) == {"min_jacobian": 0.5}
     ((what, why),) = (note.values() for note in notes)
     assert what == "mean, amplitude and frequency" and "rows are missing" in why
 
@@ -119,7 +120,7 @@ def test_a_notebook_shows_what_is_missing(tmp_path) -> None:
 
 def test_a_check_that_breaks_keeps_the_solution(tmp_path, freefem: FakeFreeFEM, monkeypatch) -> None:
     monkeypatch.setattr("ffsi.reference.check_run", fails("index out of range"))
-    result = run.solve(load_scene("flap-svk", ["mesh.level=0"]), tmp_path / "run")
+    result = solve.solve(load_scene("flap-svk", ["mesh.level=0"]), tmp_path / "run")
     assert (result.failure, result.solved) == ("check", True)
     assert "could not be done: index out of range" in result.reason
 
@@ -127,4 +128,4 @@ def test_a_check_that_breaks_keeps_the_solution(tmp_path, freefem: FakeFreeFEM, 
 def test_bad_input_before_a_run_is_none_of_this(tmp_path, freefem: FakeFreeFEM) -> None:
     (tmp_path / "file").write_text("x")
     with pytest.raises(InputError):
-        run.solve(load_scene("flap-svk", ["mesh.level=0"]), tmp_path / "file")
+        solve.solve(load_scene("flap-svk", ["mesh.level=0"]), tmp_path / "file")

@@ -10,8 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from ffsi import cli, folder, machine, run
-from ffsi.cli import main
+from ffsi.cli.main import main
+from ffsi.files import folder, machine
+from ffsi.run import execute
 
 LEVEL = ["--set", "mesh.level=0", "--set", "output.pictures=false", "--set", "output.vtu=false"]
 
@@ -47,7 +48,7 @@ def call(capsys, *arguments: str) -> tuple[int, str, str]:
 )
 def test_a_stream_that_fails_changes_nothing_but_a_good_end(words, code, said):
     command = f"set -o pipefail; {sys.executable} -m ffsi {words}"
-    source = str(Path(cli.__file__).parent.parent)
+    source = str(Path(folder.__file__).parents[2])
     environment = {**os.environ, "PYTHONPATH": source, "PYTHONIOENCODING": "ascii"}
     done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, env=environment, timeout=60)
     assert done.returncode == code, done.stderr
@@ -73,7 +74,7 @@ def test_a_verdict_is_not_lost_with_its_words(capsys, monkeypatch, freefem, chec
 
 def test_a_machine_that_cannot_load_the_libraries_gets_a_message():
     command = f"ulimit -v 200000; {sys.executable} -m ffsi cases"
-    source = str(Path(cli.__file__).parent.parent)
+    source = str(Path(folder.__file__).parents[2])
     done = subprocess.run(
         ["bash", "-c", command], capture_output=True, text=True, env={**os.environ, "PYTHONPATH": source}, timeout=60
     )
@@ -121,7 +122,7 @@ def test_a_folder_that_vanishes_during_the_run_is_named(capsys, monkeypatch, fre
         shutil.rmtree("there")
         return done
 
-    monkeypatch.setattr(run, "run_script", run_script)
+    monkeypatch.setattr(execute, "run_script", run_script)
     code, _, err = call(capsys, "run", "flap-svk", *LEVEL, "--out", "there")
     assert code == 4
     assert "there has gone" in err or "there/" in err
@@ -174,7 +175,7 @@ def test_an_error_that_nobody_expected_never_ends_with_1(capsys, monkeypatch, er
     def fail(*_):
         raise error
 
-    monkeypatch.setattr(cli, "load_scene", fail)
+    monkeypatch.setattr("ffsi.cli.main.load_scene", fail)
     found, out, err = call(capsys, "render", "cook")
     assert (found, out) == (code, "")
     assert said in err
@@ -200,7 +201,7 @@ def test_a_machine_that_fails_an_evaluation_or_the_check_is_no_failed_check(caps
         raise error
 
     with monkeypatch.context() as patched:
-        patched.setattr("ffsi.vtu.write_vtu", fail)
+        patched.setattr("ffsi.result.vtu.write_vtu", fail)
         code, _, err = call(capsys, "run", "flap-svk", *LEVEL[:4], "--out", "a")
     assert code == 4
     assert "not evaluated: VTU: " in err and machine.words(error) in err

@@ -2,8 +2,7 @@ from pathlib import Path
 
 import pytest
 
-from ffsi import doctor
-from ffsi.freefem import Event, FreeFEMError, FreeFEMNotFound, Installation
+from ffsi.freefem import Event, FreeFEMError, FreeFEMNotFound, Installation, doctor
 
 
 def install(tmp_path, plugins=("MUMPS_seq", "Element_QF", "bfstream")):

@@ -2,8 +2,8 @@ import io
 
 from rich.console import Console
 
+from ffsi.cli.progress import ProgressDisplay
 from ffsi.freefem import parse_event
-from ffsi.progress import ProgressDisplay
 
 
 class Clock:

@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 from run_folders import structured_mesh
 
-from ffsi.fields import Fields
+from ffsi.files.arrays import RawMesh, RawState
 from ffsi.hemodynamics.aneurysm import beyond_corners
 from ffsi.hemodynamics.flow import dome_flow, flow_rate, rates
 from ffsi.hemodynamics.parts import over_parts, part_of, wall_frame
 from ffsi.hemodynamics.state import WallState, reports_walls
 from ffsi.hemodynamics.stress import cauchy_stress, effective_stress, largest_beyond, von_mises
 from ffsi.hemodynamics.walls import at_nodes, deformed_length, wall_points, wall_shear_stress
-from ffsi.rawfiles import RawMesh, RawState
 from ffsi.reference.from_scene import MATERIALS
 from ffsi.reference.materials import IDENTITY
 from ffsi.reference.materials import StVenantKirchhoff as StVenantKirchhoffLaw
+from ffsi.result.fields import Fields
 from ffsi.scene import CASES, Aneurysm, Scene
 from ffsi.scene.fluids import Carreau, Casson, Newtonian, PowerLaw
 from ffsi.scene.materials import MooneyRivlin, NeoHookean, StVenantKirchhoff

@@ -5,17 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ffsi.folder import InputError
-from ffsi.hemodynamics.indices import (
-    WallCycle,
-    change,
-    oscillatory_shear_index,
-    read_cycle,
-    read_cycles,
-    relative_residence_time,
-)
+from ffsi.files.arrays import write_arrays
+from ffsi.files.cycles import WallCycle, oscillatory_shear_index, read_cycle, read_cycles, relative_residence_time
+from ffsi.files.errors import InputError
+from ffsi.hemodynamics.cycles import change
 from ffsi.hemodynamics.walls import wall_points
-from ffsi.rawfiles import write_arrays
 
 
 def cycle_of(tau: np.ndarray, times: np.ndarray) -> WallCycle:
@@ -116,8 +110,8 @@ def test_cycles_are_put_into_the_order_of_the_points(tmp_path: Path) -> None:
 
     points = wall_points(channel(), [3, 4])
     shuffled = points.middle[::-1]
-    cycle = read_cycle(written(tmp_path / "wall-0001.bin", shuffled.tolist())).at(points)
+    cycle = read_cycle(written(tmp_path / "wall-0001.bin", shuffled.tolist())).at(points.middle)
     assert cycle.node.tolist() == points.middle.tolist()
     assert cycle.magnitude.tolist() == (30.0 + np.arange(12))[::-1].tolist()
     with pytest.raises(InputError, match="another mesh"):
-        read_cycle(written(tmp_path / "wall-0001.bin", [1, 2])).at(points)
+        read_cycle(written(tmp_path / "wall-0001.bin", [1, 2])).at(points.middle)

@@ -11,11 +11,13 @@ from pathlib import Path
 import pytest
 from run_folders import make_run
 
-from ffsi import folder, reading, show, study
-from ffsi.cli import main
-from ffsi.folder import InputError
+from ffsi.cli import show, vary
+from ffsi.cli.main import main
+from ffsi.files import folder, reading
+from ffsi.files.errors import InputError
 from ffsi.freefem import FreeFEMError
 from ffsi.freefem.output import Output
+from ffsi.run import sweep
 from ffsi.scene import Scene, SceneError, load_scene, parse_overrides
 from ffsi.text import cut, listed, nearest, printable
 
@@ -56,16 +58,16 @@ def is_clean(text: str) -> bool:
 def test_a_range_is_counted_before_it_is_made(text, fragment):
     begin = time.perf_counter()
     with pytest.raises(InputError, match=fragment) as caught:
-        study.parse_vary(text)
+        vary.parse_vary(text)
     assert time.perf_counter() - begin < 1
     assert len(str(caught.value)) < 400
 
 
 def test_a_zero_with_an_exponent_is_zero():
-    assert study.parse_vary("k=0e99999999:1:0.5") == ("k", [0, 0.5, 1.0])
+    assert vary.parse_vary("k=0e99999999:1:0.5") == ("k", [0, 0.5, 1.0])
 
 
-@pytest.mark.parametrize("make", [study.parse_all, lambda texts: study.plan(load_scene("flap-svk"), {
+@pytest.mark.parametrize("make", [vary.parse_all, lambda texts: sweep.plan(load_scene("flap-svk"), {
     "inflow.mean_velocity": range(1, 100_001), "fluid.viscosity": range(1, 100_001)})])  # fmt: skip
 def test_a_product_is_counted_before_it_is_made(make):
     with pytest.raises(InputError, match="100000 x 100000 = about 1e10 points, more than 100000"):
@@ -137,8 +139,8 @@ def errors_with_names() -> dict[str, Exception]:
         "waveform": lambda: load_scene("turek-fsi3", [f"inflow.waveform_file={EVIL}.csv"]),
         "json": lambda: folder.read_json(Path(EVIL)),
         "folder": lambda: folder.check_usable(Path(f"/proc/version/{EVIL}")),
-        "vary": lambda: study.parse_vary(f"{EVIL}=1"),
-        "vary value": lambda: study.parse_vary(f"key={EVIL}"),
+        "vary": lambda: vary.parse_vary(f"{EVIL}=1"),
+        "vary value": lambda: vary.parse_vary(f"key={EVIL}"),
         "input": lambda: (_ for _ in ()).throw(InputError(f"the file {EVIL}")),
         "freefem": lambda: (_ for _ in ()).throw(FreeFEMError("crash", EVIL, 1, EVIL, Path(EVIL))),
     }
@@ -166,7 +168,7 @@ def test_names_from_outside_are_cleaned_in_logs_tables_and_events(capsys):
     show.LogHandler().emit(logging.LogRecord("ffsi.x", logging.WARNING, "", 0, "%s", (EVIL,), None))
     show.note(EVIL.replace("\n", ""))
     out = make_run(Path("r"), quantities={f"drag{EVIL}[red]": 1.0}, reason=EVIL, status="failed", failure="check")
-    from ffsi.result import load_result
+    from ffsi.hemodynamics.result import load_result
 
     show.result(load_result(out))
     found = capsys.readouterr()
@@ -282,7 +284,7 @@ def test_a_value_of_another_type_is_no_fault_of_ffsi(capsys, name, key):
 def test_a_value_of_another_type_is_named_with_its_file():
     path = make_run(Path("r"))
     data = json.loads((path / "result.json").read_text())
-    from ffsi.result import load_result
+    from ffsi.hemodynamics.result import load_result
 
     for change, said in {
         "point": ("x", "result.json is damaged: point is 'x', not a whole number"),
@@ -296,7 +298,7 @@ def test_a_value_of_another_type_is_named_with_its_file():
 
 
 def test_a_checksum_is_not_asked_of_a_pipe_nor_of_more_bytes_than_there_are(tmp_path):
-    from ffsi import seals
+    from ffsi.files import seals
 
     os.mkfifo("pipe")
     assert not seals.fits(Path("pipe"), {"bytes": 1, "sha256": ""})

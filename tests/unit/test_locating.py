@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from matplotlib.tri import Triangulation
 
-from ffsi.locating import Finder
+from ffsi.result.locating import Finder
 
 TURNED = np.array([[0.0, 0.0], [0.0, 1.0], [1.0, 0.0]])
 
@@ -43,7 +43,7 @@ def test_triangles_may_overlap_be_turned_over_or_have_no_area() -> None:
 
 
 def test_many_points_are_found_in_parts(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("ffsi.locating._AT_A_TIME", 10)
+    monkeypatch.setattr("ffsi.result.locating._AT_A_TIME", 10)
     at = np.random.default_rng(1).random((100, 2))
     assert ((Finder(TURNED[None]).find(at)[0] == 0) == (at.sum(axis=1) <= 1)).all()
 

@@ -11,9 +11,9 @@ import pytest
 from test_mesh_malformed import BROKEN
 from vessel_meshes import Drawing, beam_scene, lengths, vessel, write_scene
 
-from ffsi.domain import intended, words
-from ffsi.render import render
+from ffsi.result.domain import intended, words
 from ffsi.scene import Scene, SceneError, boundaries, load_scene, stored
+from ffsi.script.render import render
 
 TEXT = """$MeshFormat
 4.1 0 8

@@ -10,14 +10,14 @@ import pytest
 import tomli_w
 from vessel_meshes import CURVES, INNER, LUMEN, OUTER, TURN, WALL_REGION, scene_table, vessel, write_scene
 
-from ffsi.cli import main
-from ffsi.definition import define
-from ffsi.render import parameter_flags, render
+from ffsi.cli.main import main
+from ffsi.result.definition import define
 from ffsi.scene import MeshGeometry, Scene, SceneError, boundaries, load_scene, stored
 from ffsi.scene.geometry.mesh import STORED, TAKEN
 from ffsi.scene.meshes import MeshError
 from ffsi.scene.meshes.overlaps import refuse_overlaps
 from ffsi.scene.meshes.topology import Topology
+from ffsi.script.render import parameter_flags, render
 
 NUMBERS = {
     "regions": {"fluid": 1, "wall": 2},

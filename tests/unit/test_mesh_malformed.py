@@ -11,7 +11,7 @@ import pytest
 import tomli_w
 from vessel_meshes import CURVES, WALL_REGION, Drawing, scene_table, vessel
 
-from ffsi.cli import main
+from ffsi.cli.main import main
 from ffsi.scene import SceneError, load_scene
 
 WIDTH = 5  # points across the vessel of the tests: three triangles pairs of lumen, one of wall

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from ffsi.metrics import (
+from ffsi.result.oscillation import (
     Array,
     blocks,
     extrema,

@@ -9,11 +9,11 @@ import pytest
 from PIL import Image
 from run_folders import make_run
 
-from ffsi.folder import InputError
-from ffsi.paper import cases, document, pictures, statements, study, sweeps
-from ffsi.paper.cases import CASES, Curve, PaperCase
-from ffsi.paper.sweeps import Outcome
+from ffsi.files.errors import InputError
 from ffsi.scene import SceneError, load_scene
+from studies.paper import cases, document, pictures, statements, study, sweeps
+from studies.paper.cases import CASES, Curve, PaperCase
+from studies.paper.sweeps import Outcome
 
 KEY = "inflow.mean_velocity"
 FIGURES = ["figure-03-velocity.png", "figure-04-pressure.png", "figure-05-displacement.png", "figure-12-forces.png"]
@@ -88,7 +88,7 @@ def test_the_study_writes_tables_figures_and_text_and_resumes(tmp_path, capsys, 
     assert table["drag"].tolist() == [0.08, 0.16, 0.24]
     assert not {"seconds", "folder", "point"} & set(table)
     text = (out / "paper.md").read_text()
-    assert "`ffsi paper --level 0` (FreeFEM 4.9 with MUMPS, mesh level 0)" in text
+    assert "`python -m studies paper --level 0` (FreeFEM 4.9 with MUMPS, mesh level 0)" in text
     assert "*Figure 3, at 0.12 m/s: velocity" in text
     assert all(f"]({name})" in text for name in FIGURES)
     for name in FIGURES:
@@ -152,8 +152,8 @@ def test_sweeps_with_another_definition_are_refused(tmp_path, monkeypatch, freef
 
 
 def test_the_command_is_the_one_that_was_given():
-    assert study.command(None, study.LEVEL) == "ffsi paper"
-    assert study.command([1, 3], 0) == "ffsi paper --level 0 --cases 1,3"
+    assert study.command(None, study.LEVEL) == "python -m studies paper"
+    assert study.command([1, 3], 0) == "python -m studies paper --level 0 --cases 1,3"
 
 
 def test_the_highest_velocity_counts_and_not_the_last_row(tmp_path):
@@ -212,7 +212,7 @@ def test_the_roofs_of_both_cases_are_compared_where_both_got_to(tmp_path):
 
 def test_remarks_name_their_cases_and_open_values_their_scenes(tmp_path):
     tables = {case.curve: outcome(case.curve, tmp_path, steps=1, tip_ux=[0.1], tip_uy=[0.0]) for case in CASES}
-    text = document.document(CASES, tables, [], "ffsi paper")
+    text = document.document(CASES, tables, [], "python -m studies paper")
     assert "**Drag and lift.** Paper: F<sub>D</sub> = ∫<sub>S</sub> ( ρ η ∂u<sub>t</sub>/∂n" in text
     assert text.count("**Drag and lift.**") == 1
     assert "**Bulk modulus (case 3).** Paper: K = 5.6 Pa" in text

@@ -9,11 +9,12 @@ import pandas as pd
 import pytest
 from run_folders import given_state, structured_mesh
 
-from ffsi import cli
-from ffsi.fields import Fields
-from ffsi.paper import aneurysm, aneurysm_text
-from ffsi.report import figures, walls
+from ffsi.report import walls
+from ffsi.result import pictures
+from ffsi.result.fields import Fields
 from ffsi.scene.fluids import Carreau, Newtonian
+from studies.__main__ import main
+from studies.paper import aneurysm, aneurysm_text
 
 
 def test_eight_variants_of_the_catalogue_s_scenes() -> None:
@@ -53,7 +54,7 @@ def shades(figure: Any) -> int:
 
     from PIL import Image
 
-    image = np.asarray(Image.open(BytesIO(figures.to_png(figure, dpi=50))).convert("RGB"))
+    image = np.asarray(Image.open(BytesIO(pictures.to_png(figure, dpi=50))).convert("RGB"))
     return len(np.unique(image.reshape(-1, 3), axis=0))
 
 
@@ -103,8 +104,8 @@ def result(pulsatile: bool, failure: str = "") -> Any:
 
 def test_text() -> None:
     results = {variant: result(variant.pulsatile) for variant in aneurysm.VARIANTS}
-    text = aneurysm_text.document(results, ["figure-15-mesh.png"], "ffsi paper --aneurysm")
-    assert "Written by `ffsi paper --aneurysm` (FreeFEM 4.9 with MUMPS)." in text
+    text = aneurysm_text.document(results, ["figure-15-mesh.png"], "python -m studies paper --aneurysm")
+    assert "Written by `python -m studies paper --aneurysm` (FreeFEM 4.9 with MUMPS)." in text
     assert text.count("](figure-15-mesh.png)") == 1 and "figure-16" not in text
     assert "| pulsatile | rigid, Carreau | 900 | 400 | 12.3 | 2e-11 | converged |" in text
     assert "| elastic, Newtonian | dome | 0.5 |" in text and "3e-05" in text
@@ -133,8 +134,8 @@ def test_what_was_solved_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 
 def test_command(monkeypatch: pytest.MonkeyPatch) -> None:
     seen: list[dict[str, Any]] = []
-    monkeypatch.setattr("ffsi.paper.aneurysm.main", lambda **options: seen.append(options) or ["", "check"])
+    monkeypatch.setattr("studies.paper.aneurysm.main", lambda **options: seen.append(options) or ["", "check"])
     with pytest.raises(SystemExit) as ended:
-        cli.main(["paper", "--aneurysm", "--level", "1"])
+        main(["paper", "--aneurysm", "--level", "1"])
     assert ended.value.code == 1
     assert seen == [{"level": 1, "out": Path("results/paper"), "runs": Path("runs/paper")}]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from test_reference_cases import flap_mesh
 
-from ffsi.rawfiles import (
+from ffsi.files.arrays import (
     RawFileError,
     RawState,
     read_arrays,

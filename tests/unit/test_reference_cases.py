@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 
-from ffsi.rawfiles import RawMesh, RawState
+from ffsi.files.arrays import RawMesh, RawState
 from ffsi.reference.conditions import Inflow, Outlet
 from ffsi.reference.materials import MooneyRivlin, NeoHookean, StVenantKirchhoff
 from ffsi.reference.problem import Boundary, Fluid, MeshMotion, Problem, Solid

@@ -18,7 +18,7 @@ from test_reference_cases import (
     loaded_problem,
 )
 
-from ffsi.rawfiles import RawState, read_mesh, read_state, write_mesh, write_state
+from ffsi.files.arrays import RawState, read_mesh, read_state, write_mesh, write_state
 from ffsi.reference import check, terms
 from ffsi.reference.check import check_run, check_state
 from ffsi.reference.conditions import Outlet

@@ -23,7 +23,7 @@ from test_reference_check import failing
 from test_reference_step import K, beating, quantities_of, rest
 from test_reference_step_terms import random_step
 
-from ffsi.rawfiles import RawState
+from ffsi.files.arrays import RawState
 from ffsi.reference import terms
 from ffsi.reference.check import check_state, check_step
 from ffsi.reference.conditions import Inflow, Outlet, Support

@@ -17,7 +17,7 @@ from test_reference_cases import (
 )
 from test_reference_residual import DEFORMATION, DENSITY, ROTATION, STRETCH, VISCOSITY, deformed_state
 
-from ffsi.rawfiles import RawState
+from ffsi.files.arrays import RawState
 from ffsi.reference.forces import coefficient_scale, compute_forces
 from ffsi.reference.problem import Boundary
 from ffsi.reference.residual import compute_residual

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from manufactured import DENSITY, LAMBDA, MU, SOLID_DENSITY, VISCOSITY, Exact, det, divergence, gradient, vector
 
-from ffsi.rawfiles import RawState
+from ffsi.files.arrays import RawState
 from ffsi.reference.conditions import Outlet
 from ffsi.reference.elements import Elements
 from ffsi.reference.materials import NeoHookean, StVenantKirchhoff

@@ -9,7 +9,7 @@ from test_reference_check import failing
 from test_reference_step import history_row, quantities_of, write_history
 from test_reference_step_runs import rewrite, run, solved_run  # noqa: F401
 
-from ffsi.rawfiles import RawState, write_state
+from ffsi.files.arrays import RawState, write_state
 from ffsi.reference import terms
 from ffsi.reference.check import check_run
 from ffsi.reference.from_scene import problem_from_scene

@@ -7,7 +7,7 @@ import pytest
 from test_reference_check import failing, scene_mesh
 from test_reference_step import history_row, quantities_of, rest, write_history
 
-from ffsi.rawfiles import write_mesh, write_state
+from ffsi.files.arrays import write_mesh, write_state
 from ffsi.reference.check import check_run
 from ffsi.reference.from_scene import problem_from_scene
 from ffsi.reference.solve import solve_step

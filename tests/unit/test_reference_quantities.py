@@ -19,7 +19,7 @@ from test_reference_cases import (
 from test_reference_check import CHANGES, failing, scene_mesh, solved
 from test_reference_step_runs import rewrite, run, solved_run  # noqa: F401
 
-from ffsi.rawfiles import write_mesh, write_state
+from ffsi.files.arrays import write_mesh, write_state
 from ffsi.reference.check import check_run, check_state
 from ffsi.reference.forces import compute_forces
 from ffsi.reference.from_scene import problem_from_scene

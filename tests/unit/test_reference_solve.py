@@ -20,7 +20,7 @@ from test_reference_cases import (
     state_of,
 )
 
-from ffsi.rawfiles import RawState
+from ffsi.files.arrays import RawState
 from ffsi.reference.conditions import Outlet
 from ffsi.reference.materials import MooneyRivlin, NeoHookean, StVenantKirchhoff
 from ffsi.reference.problem import Boundary, MeshMotion, Solid

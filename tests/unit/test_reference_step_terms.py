@@ -15,7 +15,7 @@ from test_reference_cases import (
 )
 from test_reference_step import THETA, K, beating, rest
 
-from ffsi.rawfiles import RawState
+from ffsi.files.arrays import RawState
 from ffsi.reference.materials import NeoHookean, StVenantKirchhoff
 from ffsi.reference.problem import Solid
 from ffsi.reference.residual import compute_residual

@@ -22,7 +22,7 @@ from test_reference_cases import (
 from test_reference_conditions import vessel_problem
 from test_reference_step import K, quantities_of
 
-from ffsi.rawfiles import RawState
+from ffsi.files.arrays import RawState
 from ffsi.reference.check import check_state, check_step
 from ffsi.reference.conditions import Inflow, Outlet
 from ffsi.reference.materials import MooneyRivlin, NeoHookean, StVenantKirchhoff

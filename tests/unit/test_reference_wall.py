@@ -11,8 +11,8 @@ from test_reference_cases import cantilever_problem, channel_mesh, channel_probl
 from test_reference_check import CHANGES, failing, scene_mesh, solved
 from test_reference_residual import ROTATION, deformed_state
 
+from ffsi.files.arrays import write_mesh, write_state
 from ffsi.hemodynamics import walls
-from ffsi.rawfiles import write_mesh, write_state
 from ffsi.reference.check import check_run
 from ffsi.reference.from_scene import problem_from_scene
 from ffsi.reference.problem import Fluid
@@ -79,12 +79,12 @@ def test_run_whose_shear_stress_is_wrong_fails(tmp_path, monkeypatch):
     write_mesh(tmp_path / "mesh.bin", mesh)
     write_state(tmp_path / "point-0001.bin", state)
     (tmp_path / "point-0001.json").write_text(json.dumps({"quantities": quantities}))
-    report = check_run(tmp_path, scene)
+    report = check_run(tmp_path, scene, shown=walls.shown_stress)
     assert report.failures == []
     assert report.wall_difference < 1e-12
     right = walls.wall_shear_stress
     monkeypatch.setattr(walls, "wall_shear_stress", lambda *arguments: 1.001 * right(*arguments))
-    assert failing(check_run(tmp_path, scene)) == {"wall_difference"}
+    assert failing(check_run(tmp_path, scene, shown=walls.shown_stress)) == {"wall_difference"}
 
 
 # Cycles ---------------------------------------------------------------------------------------------------------------

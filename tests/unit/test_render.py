@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from ffsi.render import PYTHON_ONLY, is_runtime_parameter, parameter_flags, parameters, render
 from ffsi.scene import CASES, Expression, SceneError, load_scene
+from ffsi.script.render import PYTHON_ONLY, is_runtime_parameter, parameter_flags, parameters, render
 
 EDP = Path(__file__).parents[2] / "edp"
 FLUID = [name for name, scene in CASES.items() if scene.physics == "fluid"]

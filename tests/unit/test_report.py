@@ -13,11 +13,13 @@ from matplotlib.quiver import Quiver
 from PIL import Image
 from run_folders import FakeCheck, FakeFreeFEM, exact, given_state, make_run, structured_mesh
 
-from ffsi import run, show, study
-from ffsi.fields import Fields
-from ffsi.folder import InputError
-from ffsi.report import curves, figures, formulas, write_report
-from ffsi.result import Result, load_result
+from ffsi.files.errors import InputError
+from ffsi.hemodynamics.result import Result, load_result
+from ffsi.report import curves, formulas, write_report
+from ffsi.result import pictures
+from ffsi.result.fields import Fields
+from ffsi.result.words import tally
+from ffsi.run import chain, execute, solve, sweep
 from ffsi.scene import load_scene
 
 KEY = "inflow.mean_velocity"
@@ -30,7 +32,7 @@ def fields() -> Fields:
 
 
 def pixels(figure) -> np.ndarray:
-    return np.asarray(Image.open(io.BytesIO(figures.to_png(figure, dpi=60))).convert("RGB"))
+    return np.asarray(Image.open(io.BytesIO(pictures.to_png(figure, dpi=60))).convert("RGB"))
 
 
 def colours(image: np.ndarray) -> int:
@@ -39,25 +41,25 @@ def colours(image: np.ndarray) -> int:
 
 @pytest.mark.parametrize("name", ["velocity", "pressure", "displacement"])
 def test_pictures_show_something(fields, name):
-    image = pixels(figures.draw(name, fields, "title"))
+    image = pixels(pictures.draw(name, fields, "title"))
     assert colours(image) > 300
     assert (image.min(axis=2) < 200).mean() > 0.05
 
 
 def test_the_solid_has_its_neutral_colour_in_the_velocity(fields):
-    solid = np.round(255 * np.array(to_rgb(figures.SOLID_COLOURS[0])))
-    image = pixels(figures.velocity(fields))
+    solid = np.round(255 * np.array(to_rgb(pictures.SOLID_COLOURS[0])))
+    image = pixels(pictures.velocity(fields))
     assert (np.abs(image - solid).max(axis=2) <= 2).mean() > 0.005
 
 
 def test_pictures_follow_the_deformation(fields):
     still = Fields(**{**vars(fields), "displacement": np.zeros_like(fields.displacement)})
-    assert not np.array_equal(pixels(figures.velocity(still)), pixels(figures.velocity(fields)))
+    assert not np.array_equal(pixels(pictures.velocity(still)), pixels(pictures.velocity(fields)))
 
 
 def test_a_long_domain_gets_a_flat_picture_with_undistorted_axes(fields):
-    figure = figures.velocity(fields)
-    figures.to_png(figure)  # lays it out
+    figure = pictures.velocity(fields)
+    pictures.to_png(figure)  # lays it out
     width, height = figure.get_size_inches()
     assert width > 2 * height
     axes = figure.axes[0]
@@ -72,8 +74,8 @@ def test_pictures_are_the_same_in_other_units(fields, unit):
         fields, points=unit * fields.points, displacement=unit * fields.displacement, velocity=unit * fields.velocity,
         pressure=unit * fields.pressure,
     )  # fmt: skip
-    for name in figures.available(fields):
-        plain, other = figures.draw(name, fields), figures.draw(name, scaled)
+    for name in pictures.available(fields):
+        plain, other = pictures.draw(name, fields), pictures.draw(name, scaled)
         for figure in (plain, other):
             for axes in figure.axes:
                 axes.set_axis_off()
@@ -86,22 +88,22 @@ def test_a_value_that_is_no_number_is_not_drawn(fields, name):
     values = getattr(fields, name).copy()
     values[fields.cells[fields.region == (2 if name == "displacement" else 1)][0, 0]] = np.nan
     with pytest.raises(ValueError, match="holds a value that is not finite"):
-        figures.draw(name, replace(fields, **{name: values}))
+        pictures.draw(name, replace(fields, **{name: values}))
 
 
 def test_a_folded_mesh_is_drawn(fields):
     """Matplotlib's own finder of triangles refuses it."""
     shift = 0.1 * np.random.default_rng(1).normal(size=fields.displacement.shape)
     folded = replace(fields, displacement=fields.displacement + shift)
-    for name in figures.available(fields):
-        figure = figures.draw(name, folded)
+    for name in pictures.available(fields):
+        figure = pictures.draw(name, folded)
         assert pixels(figure).std() > 10
-    assert any(isinstance(artist, Quiver) for artist in figures.draw("velocity", folded).axes[0].collections)
+    assert any(isinstance(artist, Quiver) for artist in pictures.draw("velocity", folded).axes[0].collections)
 
 
 @pytest.mark.parametrize("value", [1e-9, 1e9, 0.0])
 def test_a_constant_pressure_has_levels_of_its_size(value):
-    levels, _ = figures._pressure_levels(np.array([value, value * (1 + 1e-15)]))
+    levels, _ = pictures._pressure_levels(np.array([value, value * (1 + 1e-15)]))
     assert levels[0] <= value <= levels[-1]
     assert levels[-1] - levels[0] <= 2 * (value or 1.0)
 
@@ -109,34 +111,34 @@ def test_a_constant_pressure_has_levels_of_its_size(value):
 def test_available_pictures_follow_the_physics(fields):
     fluid = Fields(**{**vars(fields), "region": np.ones_like(fields.region)})
     solid = Fields(**{**vars(fields), "region": np.full_like(fields.region, 2)})
-    assert figures.available(fields) == ["velocity", "pressure", "displacement"]
-    assert figures.available(fluid) == ["velocity", "pressure"]
-    assert figures.available(solid) == ["displacement"]
+    assert pictures.available(fields) == ["velocity", "pressure", "displacement"]
+    assert pictures.available(fluid) == ["velocity", "pressure"]
+    assert pictures.available(solid) == ["displacement"]
     for other in (fluid, solid):
-        for name in figures.available(other):
-            assert colours(pixels(figures.draw(name, other))) > 100
+        for name in pictures.available(other):
+            assert colours(pixels(pictures.draw(name, other))) > 100
     with pytest.raises(ValueError, match="no picture 'pressure' of these fields; there is displacement"):
-        figures.draw("pressure", solid)
+        pictures.draw("pressure", solid)
 
 
 def test_fields_at_rest_can_be_drawn(fields):
     zero = {name: np.zeros_like(getattr(fields, name)) for name in ("displacement", "velocity", "pressure")}
-    for name in figures.available(fields):
-        assert colours(pixels(figures.draw(name, Fields(**{**vars(fields), **zero})))) > 10
+    for name in pictures.available(fields):
+        assert colours(pixels(pictures.draw(name, Fields(**{**vars(fields), **zero})))) > 10
 
 
 def test_pressure_levels_are_round_and_symmetric_about_zero_if_it_changes_sign():
-    levels, palette = figures._pressure_levels(np.linspace(-1.0, 1.0, 1001))
+    levels, palette = pictures._pressure_levels(np.linspace(-1.0, 1.0, 1001))
     assert palette == "RdBu_r"
     assert levels[0] == -levels[-1]
-    levels, palette = figures._pressure_levels(np.append(np.linspace(0.0, 1.0, 1000), 1e6))
+    levels, palette = pictures._pressure_levels(np.append(np.linspace(0.0, 1.0, 1000), 1e6))
     assert palette != "RdBu_r"
     assert levels[-1] < 2.0
 
 
 def test_colour_bars_have_few_and_round_numbers():
     for step in (0.0025, 0.005, 0.01, 0.02):
-        ticks = figures._every_other(np.arange(-12, 14) * step)
+        ticks = pictures._every_other(np.arange(-12, 14) * step)
         distance = ticks[1] - ticks[0]
         assert 3 <= len(ticks) <= 9
         assert np.isclose(distance / 10 ** np.floor(np.log10(distance) + 1e-9), [1, 2, 2.5, 5]).any()
@@ -144,20 +146,20 @@ def test_colour_bars_have_few_and_round_numbers():
 
 
 def test_arrows_point_along_the_flow_and_keep_off_the_solid(fields):
-    figure = figures.velocity(fields)
+    figure = pictures.velocity(fields)
     (arrows,) = [item for item in figure.axes[0].collections if hasattr(item, "U")]
-    assert 20 < len(arrows.U) <= figures._ARROWS
+    assert 20 < len(arrows.U) <= pictures._ARROWS
     x, y = arrows.X, arrows.Y  # on the deformed mesh; the solid stands on x = 0.5 to 0.75
     assert not ((x > 0.52) & (x < 0.73) & (y < 0.15)).any()
     still = Fields(**{**vars(fields), "displacement": np.zeros_like(fields.displacement)})
-    (arrows,) = [item for item in figures.velocity(still).axes[0].collections if hasattr(item, "U")]
+    (arrows,) = [item for item in pictures.velocity(still).axes[0].collections if hasattr(item, "U")]
     flow = exact(np.asarray(arrows.X), np.asarray(arrows.Y))
     cosine = (arrows.U * flow["vx"] + arrows.V * flow["vy"]) / np.hypot(arrows.U, arrows.V)
     np.testing.assert_allclose(cosine, np.hypot(flow["vx"], flow["vy"]), rtol=0.02)
 
 
 def test_the_shape_before_the_deformation_is_one_dashed_line_around_each_solid(fields):
-    loops = figures._loops(figures._outer_edges(fields, fields.region == 2))
+    loops = pictures._loops(pictures._outer_edges(fields, fields.region == 2))
     assert len(loops) == 1
     assert loops[0][0] == loops[0][-1]
     corners = fields.points[loops[0]]
@@ -167,17 +169,17 @@ def test_the_shape_before_the_deformation_is_one_dashed_line_around_each_solid(f
 
 @pytest.mark.parametrize("maximum", [150_000, 40_000])
 def test_small_pictures_keep_their_limit_and_look_the_same(fields, maximum):
-    figure = figures.velocity(fields)
-    data = figures.to_small_png(figure, maximum=maximum)
-    assert len(data) <= maximum < len(figures.to_png(figure))
+    figure = pictures.velocity(fields)
+    data = pictures.to_small_png(figure, maximum=maximum)
+    assert len(data) <= maximum < len(pictures.to_png(figure))
     small = Image.open(io.BytesIO(data)).convert("RGB")
-    there = np.asarray(Image.open(io.BytesIO(figures.to_png(figure))).convert("RGB").resize(small.size), dtype=int)
+    there = np.asarray(Image.open(io.BytesIO(pictures.to_png(figure))).convert("RGB").resize(small.size), dtype=int)
     assert np.abs(np.asarray(small, dtype=int) - there).mean() < 4
 
 
 def test_small_pictures_stay_white_where_they_are_white():
     figure = curves.sweep_curves(table(min_jacobian=[0.9, 0.8, np.nan]), [KEY])
-    image = np.asarray(Image.open(io.BytesIO(figures.to_small_png(figure, maximum=60_000))).convert("RGB"))
+    image = np.asarray(Image.open(io.BytesIO(pictures.to_small_png(figure, maximum=60_000))).convert("RGB"))
     assert tuple(image[1, 1]) == (255, 255, 255)
 
 
@@ -232,7 +234,7 @@ def test_points_that_were_not_tried_are_not_marked_as_failed():
 
 def test_tiny_values_get_a_common_power_of_ten():
     figure = curves.sweep_curves(table(lift=[1e-6, -9e-6, np.nan]), [KEY])
-    figures.to_png(figure, dpi=40)
+    pictures.to_png(figure, dpi=40)
     assert figure.axes[1].yaxis.get_offset_text().get_text() != ""
     assert figure.axes[0].yaxis.get_offset_text().get_text() == ""
 
@@ -305,12 +307,12 @@ def test_text_is_escaped_everywhere(tmp_path):
 def test_report_of_a_sweep(tmp_path, monkeypatch):
     fake = FakeFreeFEM()
     fake.fail = 0.03
-    monkeypatch.setattr(run, "run_script", fake.run_script)
-    for module in (run, study):
+    monkeypatch.setattr(execute, "run_script", fake.run_script)
+    for module in (solve, chain, sweep):
         monkeypatch.setattr(module, "find_freefem", lambda: SimpleNamespace(has_mumps=True))
-    monkeypatch.setattr(run, "render", lambda scene, mumps: "// nothing\n")
+    monkeypatch.setattr(execute, "render", lambda scene, mumps: "// nothing\n")
     monkeypatch.setattr("ffsi.reference.check_run", FakeCheck())
-    study.sweep(load_scene("flap-svk", ["mesh.level=0"]), {KEY: [0.01, 0.02, 0.03]}, tmp_path / "sweep")
+    sweep.sweep(load_scene("flap-svk", ["mesh.level=0"]), {KEY: [0.01, 0.02, 0.03]}, tmp_path / "sweep")
     write_report([tmp_path / "sweep"], tmp_path / "report.html")
     html = (tmp_path / "report.html").read_text()
     assert "flap-svk, sweep over inflow.mean_velocity" in html
@@ -323,10 +325,10 @@ def test_report_of_a_sweep(tmp_path, monkeypatch):
 def test_only_what_was_checked_is_called_so(tmp_path, freefem, check):
     """In the heading, in the table and in the colour of a sweep and of a run."""
     scene = load_scene("flap-svk", ["mesh.level=0"])
-    study.sweep(scene, {KEY: [0.01, 0.02]}, tmp_path / "all")
-    study.sweep(scene, {KEY: [0.01, 0.02]}, tmp_path / "none", check=False)
+    sweep.sweep(scene, {KEY: [0.01, 0.02]}, tmp_path / "all")
+    sweep.sweep(scene, {KEY: [0.01, 0.02]}, tmp_path / "none", check=False)
     check.wrong = 0.02
-    study.sweep(scene, {KEY: [0.01, 0.02, 0.03]}, tmp_path / "one")
+    sweep.sweep(scene, {KEY: [0.01, 0.02, 0.03]}, tmp_path / "one")
     (tmp_path / "one" / "chain-001" / "result-0003.json").unlink()
     (tmp_path / "one" / "sweep.csv").unlink()
     for name, words, good in (
@@ -337,7 +339,7 @@ def test_only_what_was_checked_is_called_so(tmp_path, freefem, check):
         write_report([tmp_path / name], tmp_path / "report.html")
         html = (tmp_path / "report.html").read_text()
         assert f'<span class="status {"good" if good else "bad"}">{words}</span>' in html
-    run.solve(scene, tmp_path / "run", check=False)
+    solve.solve(scene, tmp_path / "run", check=False)
     write_report([tmp_path / "run"], tmp_path / "report.html")
     assert '<span class="status bad">solved, not checked</span>' in (tmp_path / "report.html").read_text()
 
@@ -354,8 +356,8 @@ def test_only_what_was_checked_is_called_so(tmp_path, freefem, check):
 def test_a_tally_takes_the_table_s_word(failures, checked, words):
     status = ["failed" if failure else "converged" for failure in failures]
     table = pd.DataFrame({"status": status, "failure": failures, "checked": checked, "check_maximum": 1e-12})
-    assert show.tally(table) == (words, "all" in words)
-    assert show.tally(table, 5)[0].endswith("; 2 not computed")
+    assert tally(table) == (words, "all" in words)
+    assert tally(table, 5)[0].endswith("; 2 not computed")
 
 
 def test_warnings_and_what_could_not_be_evaluated_stand_in_the_report(tmp_path, monkeypatch):
@@ -374,9 +376,9 @@ def test_warnings_and_what_could_not_be_evaluated_stand_in_the_report(tmp_path, 
 
 
 def test_warnings_of_a_sweep_are_counted(tmp_path, freefem, check, monkeypatch):
-    monkeypatch.setattr(figures, "draw", lambda *_, **__: 1 / 0)
+    monkeypatch.setattr(pictures, "draw", lambda *_, **__: 1 / 0)
     scene = load_scene("flap-svk", ["mesh.level=0"])
-    table = study.sweep(scene, {KEY: [0.01, 0.02]}, tmp_path / "sweep")
+    table = sweep.sweep(scene, {KEY: [0.01, 0.02]}, tmp_path / "sweep")
     assert table["status"].tolist() == ["converged"] * 2
     assert table["not_evaluated"].str.count("division by zero").tolist()[1] == 3  # the point that is drawn
     monkeypatch.undo()

@@ -13,10 +13,10 @@ from matplotlib.figure import Figure
 from run_folders import make_run
 from test_hemodynamics import channel, poiseuille, state
 
+from ffsi.files.arrays import write_arrays, write_mesh, write_state
+from ffsi.hemodynamics.result import Result, load_result
 from ffsi.hemodynamics.walls import wall_points
-from ffsi.rawfiles import write_arrays, write_mesh, write_state
 from ffsi.report import blood, walls, write_report
-from ffsi.result import Result, load_result
 from ffsi.scene import CASES, Scene
 
 PERIOD = 0.5

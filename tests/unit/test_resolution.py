@@ -10,13 +10,14 @@ import pandas as pd
 import pytest
 from units_scaling import FACTORS, in_units
 
-from ffsi import resolution, show
+from ffsi.cli import show
 from ffsi.freefem import FreeFEMError
-from ffsi.point import Point
-from ffsi.result import Result
+from ffsi.hemodynamics.result import Result
+from ffsi.result import resolution
+from ffsi.result.in_time import energy_balance
+from ffsi.result.table import row
+from ffsi.run.point import Point
 from ffsi.scene import CASES, Scene, SceneError, load_scene, with_values
-from ffsi.study import row
-from ffsi.unsteady import energy_balance
 
 IN_TIME = [name for name, scene in CASES.items() if not scene.steady]
 

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from run_folders import exact, make_run
 
-from ffsi import folder
-from ffsi.folder import InputError
-from ffsi.result import Result, flatten, load_result, load_results, unit
+from ffsi.files import folder
+from ffsi.files.errors import InputError
+from ffsi.hemodynamics.result import Result, load_result, load_results
+from ffsi.result.quantities import flatten, unit
 
 
 @pytest.fixture

@@ -5,10 +5,10 @@ import threading
 
 import pytest
 
-from ffsi import run
-from ffsi.folder import InputError
+from ffsi.files.errors import InputError
 from ffsi.freefem import FreeFEMError, FreeFEMNotFound
-from ffsi.result import load_result, load_results
+from ffsi.hemodynamics.result import load_result, load_results
+from ffsi.run import chain, solve
 from ffsi.scene import SceneError, load_scene
 
 CONTRACT = (
@@ -27,7 +27,7 @@ def velocities(*values):
 
 
 def test_solve_leaves_a_complete_folder(tmp_path, freefem, check, scene):
-    result = run.solve(scene, tmp_path / "run")
+    result = solve.solve(scene, tmp_path / "run")
     assert result.converged
     data = json.loads((tmp_path / "run" / "result.json").read_text())
     assert data == result.data
@@ -43,7 +43,7 @@ def test_solve_leaves_a_complete_folder(tmp_path, freefem, check, scene):
 
 
 def test_without_a_folder_the_files_live_as_long_as_the_result(freefem, check, scene):
-    result = run.solve(scene)
+    result = solve.solve(scene)
     directory = result.directory
     assert (directory / "result.json").is_file()
     assert result.at(1.0, 0.2)["region"] == 1
@@ -53,11 +53,11 @@ def test_without_a_folder_the_files_live_as_long_as_the_result(freefem, check, s
 
 def test_a_failed_check_fails_loudly_and_keeps_the_solution(tmp_path, freefem, check, scene):
     check.wrong = 0.12
-    result = run.solve(scene, tmp_path / "run")
+    result = solve.solve(scene, tmp_path / "run")
     assert (result.status, result.failure, result.solved) == ("failed", "check", True)
     assert result.reason == "the reference check disagrees: momentum: the relative residual of the momentum is 1.00e-03"
     assert (tmp_path / "run" / "velocity.png").is_file()
-    assert run.solve(scene, tmp_path / "run", check=False).converged
+    assert solve.solve(scene, tmp_path / "run", check=False).converged
 
 
 def test_a_check_that_cannot_be_done_is_a_failure(tmp_path, freefem, monkeypatch, scene):
@@ -65,13 +65,13 @@ def test_a_check_that_cannot_be_done_is_a_failure(tmp_path, freefem, monkeypatch
         raise ValueError("parameters differ")
 
     monkeypatch.setattr("ffsi.reference.check_run", refuse)
-    result = run.solve(scene, tmp_path / "run")
+    result = solve.solve(scene, tmp_path / "run")
     assert (result.failure, result.reason) == ("check", "the reference check could not be done: parameters differ")
 
 
 def test_not_converged_keeps_the_last_state_and_is_not_checked(tmp_path, freefem, check, scene):
     freefem.fail = 0.12
-    result = run.solve(scene, tmp_path / "run")
+    result = solve.solve(scene, tmp_path / "run")
     assert (result.status, result.failure, result.reason) == ("failed", "not-converged", "J too small")
     assert check.calls == []
     assert (tmp_path / "run" / "fields.vtu").is_file()
@@ -84,7 +84,7 @@ def test_not_converged_keeps_the_last_state_and_is_not_checked(tmp_path, freefem
 def test_a_crash_is_raised_and_recorded(tmp_path, freefem, check, scene):
     freefem.die = 0.12
     with pytest.raises(FreeFEMError, match="SIGSEGV"):
-        run.solve(scene, tmp_path / "run")
+        solve.solve(scene, tmp_path / "run")
     data = json.loads((tmp_path / "run" / "result.json").read_text())
     assert (data["status"], data["failure"]) == ("failed", "crash")
     assert "SIGSEGV" in data["reason"]
@@ -94,20 +94,20 @@ def test_nothing_is_written_without_freefem_or_into_a_foreign_folder(tmp_path, f
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "notes.txt").write_text("x")
     with pytest.raises(InputError, match="not empty"):
-        run.solve(scene, tmp_path / "mine")
+        solve.solve(scene, tmp_path / "mine")
 
     def missing():
         raise FreeFEMNotFound("missing-binary", "no FreeFem++")
 
-    monkeypatch.setattr(run, "find_freefem", missing)
+    monkeypatch.setattr(solve, "find_freefem", missing)
     with pytest.raises(FreeFEMNotFound):
-        run.solve(scene, tmp_path / "new")
+        solve.solve(scene, tmp_path / "new")
     assert sorted(path.name for path in tmp_path.rglob("*")) == ["mine", "notes.txt"]
 
 
 def test_a_chain_checks_every_point_with_its_own_values(tmp_path, freefem, check, scene):
     seen = []
-    results = run.run_chain(scene, velocities(0.01, 0.02, 0.03), tmp_path / "chain", on_result=seen.append)
+    results = chain.run_chain(scene, velocities(0.01, 0.02, 0.03), tmp_path / "chain", on_result=seen.append)
     assert [result.quantities["drag"] for result in results] == [0.02, 0.04, 0.06]
     assert check.calls == [(0.01, 1), (0.02, 2), (0.03, 3)]
     assert [result.point for result in seen] == [1, 2, 3]
@@ -127,7 +127,7 @@ def test_points_are_checked_while_freefem_goes_on(tmp_path, freefem, check, scen
         if event.integer("point") == 1:
             in_time.append(first.wait(10))
 
-    results = run.run_chain(
+    results = chain.run_chain(
         scene, velocities(0.01, 0.02), tmp_path / "chain", on_event=wait_for_the_first_result,
         on_result=lambda result: first.set(),
     )  # fmt: skip
@@ -137,7 +137,7 @@ def test_points_are_checked_while_freefem_goes_on(tmp_path, freefem, check, scen
 
 def test_a_chain_that_dies_keeps_its_complete_points(tmp_path, freefem, check, scene):
     freefem.die = 0.03
-    results = run.run_chain(scene, velocities(0.01, 0.02, 0.03, 0.04), tmp_path / "chain")
+    results = chain.run_chain(scene, velocities(0.01, 0.02, 0.03, 0.04), tmp_path / "chain")
     assert [result.failure for result in results] == ["", "", "crash", "crash"]
     assert "SIGSEGV" in results[2].reason
     assert load_result(tmp_path / "chain").point == 2
@@ -145,14 +145,14 @@ def test_a_chain_that_dies_keeps_its_complete_points(tmp_path, freefem, check, s
 
 def test_points_after_a_failed_one_are_not_reached(tmp_path, freefem, check, scene):
     freefem.fail = 0.02
-    results = run.run_chain(scene, velocities(0.01, 0.02, 0.03), tmp_path / "chain")
+    results = chain.run_chain(scene, velocities(0.01, 0.02, 0.03), tmp_path / "chain")
     assert [result.failure for result in results] == ["", "not-converged", "not-reached"]
     assert results[2].reason == "not reached: point 2 of the chain failed (J too small)"
 
 
 def test_a_wrong_point_in_a_chain_is_found(tmp_path, freefem, check, scene):
     check.wrong = 0.02
-    results = run.run_chain(scene, velocities(0.01, 0.02, 0.03), tmp_path / "chain", draw="none")
+    results = chain.run_chain(scene, velocities(0.01, 0.02, 0.03), tmp_path / "chain", draw="none")
     assert [result.failure for result in results] == ["", "check", ""]
     assert not list((tmp_path / "chain").glob("*.png"))
 
@@ -169,5 +169,5 @@ def test_a_wrong_point_in_a_chain_is_found(tmp_path, freefem, check, scene):
 )
 def test_bad_chains_write_nothing(tmp_path, freefem, scene, points, error, message):
     with pytest.raises(error, match=message):
-        run.run_chain(scene, points, tmp_path / "chain")
+        chain.run_chain(scene, points, tmp_path / "chain")
     assert list(tmp_path.iterdir()) == []

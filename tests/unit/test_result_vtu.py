@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from run_folders import given_state, make_run, structured_mesh
 
-from ffsi import seals
-from ffsi.fields import Fields
-from ffsi.rawfiles import write_state
-from ffsi.result import load_result
+from ffsi.files import seals
+from ffsi.files.arrays import write_state
+from ffsi.hemodynamics.result import load_result
+from ffsi.result.fields import Fields
+from ffsi.result.vtu import read_vtu, write_vtu
 from ffsi.scene import CASES, with_values
-from ffsi.vtu import read_vtu, write_vtu
 
 
 @pytest.fixture

@@ -9,12 +9,19 @@ import pytest
 from time_folders import FREQUENCY, scene_in_time, signals
 
 import ffsi
-from ffsi import folder, metrics, run, study, unsteady
-from ffsi.folder import InputError
+from ffsi.files import folder
+from ffsi.files.errors import InputError
+from ffsi.files.history import read_history
 from ffsi.freefem import Event, FreeFEMError
-from ffsi.result import flatten, load_result, published_value
+from ffsi.hemodynamics.result import load_result
+from ffsi.result import in_time, oscillation
+from ffsi.result.in_time import PERIODS, settled
+from ffsi.result.published import references
+from ffsi.result.quantities import flatten, published_value
+from ffsi.run import execute, solve, sweep
+from ffsi.run.chain import run_chain
+from ffsi.run.watch import Watch
 from ffsi.scene import load_scene
-from ffsi.unsteady import Watch, settled
 
 pytestmark = pytest.mark.usefixtures("check")
 
@@ -27,7 +34,7 @@ def files(directory):
 
 
 def test_quantities_are_those_of_the_last_period(tmp_path, in_time):
-    result = run.solve(scene_in_time("time.end=3"), tmp_path / "run")
+    result = solve.solve(scene_in_time("time.end=3"), tmp_path / "run")
     assert result.converged
     assert json.loads((tmp_path / "run" / "result.json").read_text()) == result.data
     found = result.quantities
@@ -49,7 +56,7 @@ def test_quantities_are_those_of_the_last_period(tmp_path, in_time):
 
 
 def test_without_a_full_period_there_are_no_numbers_but_those_of_the_last_state(tmp_path, in_time):
-    result = run.solve(scene_in_time("time.end=0.5"), tmp_path / "run")
+    result = solve.solve(scene_in_time("time.end=0.5"), tmp_path / "run")
     assert result.quantities["drag"] == {"mean": None, "amplitude": None, "frequency": None}
     when, shown = result.shown_quantities
     assert when == "at t = 0.5 s"
@@ -58,7 +65,7 @@ def test_without_a_full_period_there_are_no_numbers_but_those_of_the_last_state(
 
 
 def test_the_steps_are_listed_for_the_checker_and_drawn(tmp_path, in_time):
-    result = run.solve(scene_in_time("output.vtu=true"), tmp_path / "run")
+    result = solve.solve(scene_in_time("output.vtu=true"), tmp_path / "run")
     entries = json.loads((tmp_path / "run" / "steps.json").read_text())
     assert [entry["step"] for entry in entries] == [10, 20, 30, 40]
     assert entries[1] == {
@@ -73,7 +80,7 @@ def test_the_steps_are_listed_for_the_checker_and_drawn(tmp_path, in_time):
 
 def test_a_failed_step_keeps_the_history_and_the_last_good_state(tmp_path, in_time, check):
     in_time.fail = 33
-    result = run.solve(scene_in_time("output.vtu=true"), tmp_path / "run")
+    result = solve.solve(scene_in_time("output.vtu=true"), tmp_path / "run")
     assert (result.status, result.failure, result.reason) == ("failed", "not-converged", "no step")
     assert result.data["time"]["reached"] == 1.6
     assert result.state_file == "failed.bin"
@@ -84,7 +91,7 @@ def test_a_failed_step_keeps_the_history_and_the_last_good_state(tmp_path, in_ti
 def test_a_crash_is_raised_and_keeps_what_was_finished(tmp_path, in_time):
     in_time.die = 27
     with pytest.raises(FreeFEMError, match="killed"):
-        run.solve(scene_in_time(), tmp_path / "run")
+        solve.solve(scene_in_time(), tmp_path / "run")
     data = json.loads((tmp_path / "run" / "result.json").read_text())
     assert (data["failure"], data["time"]["steps"]) == ("crash", 27)
     assert len(load_result(tmp_path / "run").history) == 27
@@ -94,16 +101,16 @@ def test_a_crash_before_the_first_step(tmp_path, in_time, monkeypatch):
     def crash(*_, **__):
         raise FreeFEMError("crash", "at once")
 
-    monkeypatch.setattr(run, "run_script", crash)
+    monkeypatch.setattr(execute, "run_script", crash)
     with pytest.raises(FreeFEMError, match="at once"):
-        run.solve(scene_in_time(), tmp_path / "run")
+        solve.solve(scene_in_time(), tmp_path / "run")
     data = json.loads((tmp_path / "run" / "result.json").read_text())
     assert (data["quantities"], data["time"]["reached"], data["time"]["periodic"]) == ({}, 0.0, False)
 
 
 def test_an_earlier_run_is_replaced(tmp_path, in_time):
-    run.solve(scene_in_time("output.vtu=true"), tmp_path / "run")
-    run.solve(scene_in_time("time.end=1", "time.output_interval=1"), tmp_path / "run")
+    solve.solve(scene_in_time("output.vtu=true"), tmp_path / "run")
+    solve.solve(scene_in_time("time.end=1", "time.output_interval=1"), tmp_path / "run")
     states = {name for name in files(tmp_path / "run") if name.startswith(("state", "fields"))}
     assert states == {"state-000019.bin", "state-000020.bin"}
     assert in_time.first_steps == [1, 1]
@@ -113,23 +120,23 @@ def test_an_earlier_run_is_replaced(tmp_path, in_time):
 
 
 def test_it_stops_when_it_is_periodic(tmp_path, in_time):
-    result = run.solve(scene_in_time("time.stop=periodic", "time.end=50"), tmp_path / "run")
+    result = solve.solve(scene_in_time("time.stop=periodic", "time.end=50"), tmp_path / "run")
     assert result.converged
     time = result.data["time"]
     assert time["periodic"]
     assert time["why_not"] == ""
-    assert 0.1 + unsteady.PERIODS / FREQUENCY <= time["reached"] < 10
+    assert 0.1 + PERIODS / FREQUENCY <= time["reached"] < 10
 
 
 def test_at_the_end_it_need_not_be_periodic(tmp_path, in_time):
-    result = run.solve(scene_in_time("time.stop=periodic"), tmp_path / "run")
+    result = solve.solve(scene_in_time("time.stop=periodic"), tmp_path / "run")
     assert result.converged
     assert not result.data["time"]["periodic"]
 
 
 def test_stopped_by_hand_is_not_finished_and_goes_on(tmp_path, in_time, check):
     in_time.stop_at = 23
-    result = run.solve(scene_in_time(), tmp_path / "run")
+    result = solve.solve(scene_in_time(), tmp_path / "run")
     assert (result.failure, result.reason) == ("stopped", "stopped at t = 1.15 s of 2 s")
     assert result.solved
     assert check.calls == [(2.0, 1)]
@@ -218,7 +225,7 @@ def died(request, tmp_path, in_time):
     """A run that died at some step; Python was killed with it."""
     in_time.die = request.param
     with pytest.raises(FreeFEMError):
-        run.solve(scene_in_time(), tmp_path / "run")
+        solve.solve(scene_in_time(), tmp_path / "run")
     (tmp_path / "run" / "result.json").unlink()
     in_time.die = None
     return tmp_path / "run"
@@ -228,7 +235,7 @@ def test_a_killed_run_goes_on_from_its_last_checkpoint_and_comes_to_the_same(die
     steps = len(load_history(died))
     result = ffsi.resume(died)
     assert result.converged
-    whole = run.solve(scene_in_time(), tmp_path / "whole")
+    whole = solve.solve(scene_in_time(), tmp_path / "whole")
     for name in ("history.csv", "newton.csv", "steps.csv", "steps.json"):
         assert (died / name).read_text() == (tmp_path / "whole" / name).read_text()
     assert result.quantities == whole.quantities
@@ -238,14 +245,14 @@ def test_a_killed_run_goes_on_from_its_last_checkpoint_and_comes_to_the_same(die
 
 
 def load_history(directory):
-    return unsteady.read_history(directory)
+    return read_history(directory)
 
 
 def test_a_resumed_run_that_dies_goes_on_again(tmp_path, in_time):
     for step in (8, 18, 29):
         in_time.die = step
         with pytest.raises(FreeFEMError):
-            run.solve(scene_in_time(), tmp_path / "run", resume=step > 8)
+            solve.solve(scene_in_time(), tmp_path / "run", resume=step > 8)
     in_time.die = None
     assert ffsi.resume(str(tmp_path / "run")).converged
     assert in_time.first_steps == [1, 6, 16, 26]
@@ -255,14 +262,14 @@ def test_a_resumed_run_that_dies_goes_on_again(tmp_path, in_time):
 def test_the_checkpoint_in_use_is_not_the_next_one_to_be_written(tmp_path, in_time):
     in_time.die = 8  # only checkpoint-a, of step 5, is there
     with pytest.raises(FreeFEMError):
-        run.solve(scene_in_time(), tmp_path / "run")
+        solve.solve(scene_in_time(), tmp_path / "run")
     in_time.die = None
     ffsi.resume(tmp_path / "run")
     assert in_time.arguments[-1]["resume"].endswith("checkpoint-b.bin")
 
 
 def test_if_the_script_had_ended_only_the_rest_is_done(tmp_path, in_time, check):
-    run.solve(scene_in_time(), tmp_path / "run")
+    solve.solve(scene_in_time(), tmp_path / "run")
     (tmp_path / "run" / "result.json").unlink()
     check.calls.clear()
     assert ffsi.resume(tmp_path / "run").converged
@@ -271,7 +278,7 @@ def test_if_the_script_had_ended_only_the_rest_is_done(tmp_path, in_time, check)
 
 
 def test_a_point_that_was_cut_off_is_computed_again(tmp_path, in_time):
-    run.solve(scene_in_time(), tmp_path / "run")
+    solve.solve(scene_in_time(), tmp_path / "run")
     (tmp_path / "run" / "result.json").unlink()
     point = tmp_path / "run" / "point-0001.json"
     point.write_text(point.read_text()[:50])
@@ -282,7 +289,7 @@ def test_a_point_that_was_cut_off_is_computed_again(tmp_path, in_time):
 def test_own_files_stay_when_a_run_goes_on(tmp_path, in_time):
     in_time.die = 12
     with pytest.raises(FreeFEMError):
-        run.solve(scene_in_time(), tmp_path / "run")
+        solve.solve(scene_in_time(), tmp_path / "run")
     (tmp_path / "run" / "notes.txt").write_text("mine")
     (tmp_path / "run" / ".result.json.77.part").write_text("{")
     in_time.die = None
@@ -330,7 +337,7 @@ def test_what_cannot_be_resumed_is_refused_and_not_touched(tmp_path, in_time, ma
 @pytest.mark.parametrize(("fail", "ending"), [(None, r"\(converged\)"), (33, r"\(failed: no step\)")])
 def test_a_finished_run_is_refused(tmp_path, in_time, fail, ending):
     in_time.fail = fail
-    run.solve(scene_in_time(), tmp_path / "run")
+    solve.solve(scene_in_time(), tmp_path / "run")
     before = files(tmp_path / "run")
     with pytest.raises(InputError, match=rf"is finished {ending}; there is nothing to resume"):
         ffsi.resume(tmp_path / "run")
@@ -340,21 +347,21 @@ def test_a_finished_run_is_refused(tmp_path, in_time, fail, ending):
 def test_another_scene_is_refused(tmp_path, in_time):
     in_time.die = 12
     with pytest.raises(FreeFEMError):
-        run.solve(scene_in_time(), tmp_path / "run")
+        solve.solve(scene_in_time(), tmp_path / "run")
     with pytest.raises(InputError, match="holds a run of another scene"):
-        run.solve(scene_in_time("fluid.viscosity=2"), tmp_path / "run", resume=True)
+        solve.solve(scene_in_time("fluid.viscosity=2"), tmp_path / "run", resume=True)
     with pytest.raises(InputError, match="its folder is needed"):
-        run.solve(scene_in_time(), resume=True)
+        solve.solve(scene_in_time(), resume=True)
 
 
 def test_a_folder_in_use_is_refused(tmp_path, in_time):
     in_time.die = 12
     with pytest.raises(FreeFEMError):
-        run.solve(scene_in_time(), tmp_path / "run")
+        solve.solve(scene_in_time(), tmp_path / "run")
     with folder.held(tmp_path / "run"):
         for resume in (True, False):
             with pytest.raises(InputError, match="another ffsi is at work in"):
-                run.solve(scene_in_time(), tmp_path / "run", resume=resume)
+                solve.solve(scene_in_time(), tmp_path / "run", resume=resume)
     assert len(load_history(tmp_path / "run")) == 12
 
 
@@ -364,28 +371,28 @@ KEY = "fluid.viscosity"
 
 
 def test_every_point_in_time_is_a_run_of_its_own(tmp_path, in_time):
-    chains = study.plan(scene_in_time(), {KEY: [1.0, 2.0], "time.shift": [0.5, 1.0]})
+    chains = sweep.plan(scene_in_time(), {KEY: [1.0, 2.0], "time.shift": [0.5, 1.0]})
     assert [len(chain.points) for chain in chains] == [1] * 4
-    table = study.sweep(scene_in_time("time.end=3"), {KEY: [1.0, 2.0]}, tmp_path / "s")
+    table = sweep.sweep(scene_in_time("time.end=3"), {KEY: [1.0, 2.0]}, tmp_path / "s")
     assert table["folder"].tolist() == ["chain-001", "chain-002"]
     assert table["status"].tolist() == ["converged"] * 2
     assert table["tip_uy_amplitude"].tolist() == pytest.approx([0.03] * 2, rel=1e-3)
     assert all("points" not in arguments for arguments in in_time.arguments)
     with pytest.raises(InputError, match="a run of its own"):
-        run.run_chain(scene_in_time(), [{KEY: 1.0}, {KEY: 2.0}], tmp_path / "c")
+        run_chain(scene_in_time(), [{KEY: 1.0}, {KEY: 2.0}], tmp_path / "c")
 
 
 def test_a_sweep_in_time_goes_on_from_the_checkpoints(tmp_path, in_time):
     in_time.die = 23
-    table = study.sweep(scene_in_time(), {KEY: [1.0, 2.0]}, tmp_path / "s")
+    table = sweep.sweep(scene_in_time(), {KEY: [1.0, 2.0]}, tmp_path / "s")
     assert table["failure"].tolist() == ["crash"] * 2
     (tmp_path / "s" / "chain-002" / "result-0001.json").unlink()  # as if Python had been killed, too
     in_time.die = None
-    table = study.sweep(scene_in_time(), {KEY: [1.0, 2.0]}, tmp_path / "s")
+    table = sweep.sweep(scene_in_time(), {KEY: [1.0, 2.0]}, tmp_path / "s")
     assert table["status"].tolist() == ["converged"] * 2
     assert table["folder"].tolist() == ["chain-001", "chain-002"]
     assert in_time.first_steps == [1, 1, 21, 21]
-    study.sweep(scene_in_time(), {KEY: [1.0, 2.0]}, tmp_path / "s")
+    sweep.sweep(scene_in_time(), {KEY: [1.0, 2.0]}, tmp_path / "s")
     assert len(in_time.arguments) == 4
 
 
@@ -393,20 +400,20 @@ def test_a_sweep_in_time_goes_on_from_the_checkpoints(tmp_path, in_time):
 
 
 def test_published_mean_amplitude_and_frequency():
-    published = ffsi.references.references("turek-fsi3")
+    published = references("turek-fsi3")
     values = {name: published_value(name, published) for name in ("lift_mean", "lift_amplitude", "lift_frequency")}
     assert [found[0] for found in values.values() if found] == [2.50, 153.91, 5.46]
     assert published_value("lift", published) is not None
     assert published_value("min_jacobian", published) is None
-    assert published_value("drag_amplitude", ffsi.references.references("turek-fsi1")) is None
+    assert published_value("drag_amplitude", references("turek-fsi1")) is None
 
 
 def test_the_last_period_is_where_metrics_finds_it():
     t = np.arange(0.01, 5.0, 0.01)
     history = pd.DataFrame({"time": t, "tip_uy": np.sin(2 * np.pi * t)})
-    period = unsteady.last_period(history)
+    period = in_time.last_period(history)
     assert period is not None
     assert (period.start, period.end) == pytest.approx((3.0, 4.0), abs=1e-3)
-    assert unsteady.last_period(history[:20]) is None
-    assert unsteady.last_period(history.drop(columns="tip_uy")) is None
-    assert metrics.reference_column(history) == "tip_uy"
+    assert in_time.last_period(history[:20]) is None
+    assert in_time.last_period(history.drop(columns="tip_uy")) is None
+    assert oscillation.reference_column(history) == "tip_uy"

@@ -15,14 +15,15 @@ from run_folders import given_state, make_run, structured_mesh
 from test_cli import call
 from time_folders import scene_in_time
 
-from ffsi import run, vtu
-from ffsi.fields import Fields
-from ffsi.folder import InputError
+from ffsi.cli.progress import ProgressDisplay
+from ffsi.files.errors import InputError
 from ffsi.freefem import FreeFEMError, parse_event
-from ffsi.progress import ProgressDisplay
-from ffsi.report import curves, figures, write_report
+from ffsi.report import curves, write_report
 from ffsi.report.animation import write_animation
-from ffsi.show import time_line
+from ffsi.result import pictures, vtu
+from ffsi.result.fields import Fields
+from ffsi.result.words import time_line
+from ffsi.run import execute, solve
 
 
 @pytest.fixture(autouse=True)
@@ -154,7 +155,7 @@ def test_animations(capsys, tmp_path, in_time, check, scene_file):
 
 
 def test_one_frame_is_no_animation(tmp_path, in_time, check):
-    result = run.solve(scene_in_time("time.end=0.5"), tmp_path / "run")
+    result = solve.solve(scene_in_time("time.end=0.5"), tmp_path / "run")
     with pytest.raises(InputError, match="holds 1 saved time steps, an animation needs two or more"):
         write_animation(result, "velocity", tmp_path / "a.gif")
     assert not (tmp_path / "a.gif").exists()
@@ -163,12 +164,12 @@ def test_one_frame_is_no_animation(tmp_path, in_time, check):
 def test_a_common_scale_fits_all_states():
     states = [fields(scale) for scale in (0.5, 2.0)]
     for name in ("velocity", "pressure", "displacement"):
-        scale = figures.common_scale(name, states)
-        shapes = {figures.draw(name, state, "", scale).axes[0].get_xlim() for state in states}
+        scale = pictures.common_scale(name, states)
+        shapes = {pictures.draw(name, state, "", scale).axes[0].get_xlim() for state in states}
         assert len(shapes) == 1
-    assert scale.high == pytest.approx(2 * figures.common_scale("displacement", states[:1]).high * 2)
+    assert scale.high == pytest.approx(2 * pictures.common_scale("displacement", states[:1]).high * 2)
     with pytest.raises(ValueError, match="no state"):
-        figures.common_scale("velocity", [])
+        pictures.common_scale("velocity", [])
 
 
 # Files and reports ----------------------------------------------------------------------------------------------------
@@ -185,7 +186,7 @@ def test_a_series_for_paraview(tmp_path):
 
 
 def test_the_report_shows_the_history(tmp_path, in_time, check):
-    run.solve(scene_in_time("time.end=3"), tmp_path / "run")
+    solve.solve(scene_in_time("time.end=3"), tmp_path / "run")
     write_report([tmp_path / "run"], tmp_path / "report.html")
     text = (tmp_path / "report.html").read_text()
     assert "Over time: t = 3 of 3 s, 60 steps, not periodic" in text
@@ -198,9 +199,9 @@ def test_the_report_of_a_run_that_died_at_once(tmp_path, in_time, check, monkeyp
     def crash(*_, **__):
         raise FreeFEMError("crash", "at once")
 
-    monkeypatch.setattr(run, "run_script", crash)
+    monkeypatch.setattr(execute, "run_script", crash)
     with pytest.raises(FreeFEMError):
-        run.solve(scene_in_time(), tmp_path / "run")
+        solve.solve(scene_in_time(), tmp_path / "run")
     write_report([tmp_path / "run"], tmp_path / "report.html")
     assert "at once" in (tmp_path / "report.html").read_text()
 

@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from ffsi.render import render
 from ffsi.scene import CASES, Aneurysm, Scene, SceneError, boundaries, load_scene
 from ffsi.scene.geometry import dome
+from ffsi.script.render import render
 
 
 def rigid(**geometry: object) -> Scene:

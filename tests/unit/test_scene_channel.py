@@ -5,8 +5,8 @@ from typing import Any
 import pytest
 from test_scene_malformed import check
 
-from ffsi.render import render
 from ffsi.scene import CASES, Channel, Mesh, Scene, SceneError, boundaries, load_scene
+from ffsi.script.render import render
 
 
 def channel(mesh: dict[str, Any] | None = None, **geometry: object) -> Scene:

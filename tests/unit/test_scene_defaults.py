@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 import tomli_w
 
-from ffsi.run import _chain_scenes
+from ffsi.run.chain import _chain_scenes
 from ffsi.scene import CASES, Scene, SceneError, load_scene, with_values
 
 FLAP: dict[str, Any] = {

@@ -6,14 +6,7 @@ from typing import Literal, get_args
 import pytest
 from pydantic import Field
 
-from ffsi.scene import (
-    CASES,
-    MooneyRivlin,
-    NeoHookean,
-    SceneError,
-    Solid,
-    StVenantKirchhoff,
-)
+from ffsi.scene import CASES, MooneyRivlin, NeoHookean, SceneError, Solid, StVenantKirchhoff
 from ffsi.scene.materials import MATERIALS, Elastic
 from ffsi.scene.units import Modulus
 

@@ -6,16 +6,7 @@ from pathlib import Path
 import pytest
 from test_scene_materials import MOONEY_RIVLIN, NEO
 
-from ffsi.scene import (
-    CASES,
-    NeoHookean,
-    Scene,
-    SceneError,
-    StVenantKirchhoff,
-    load_scene,
-    parse_overrides,
-    with_values,
-)
+from ffsi.scene import CASES, NeoHookean, Scene, SceneError, StVenantKirchhoff, load_scene, parse_overrides, with_values
 
 
 def test_overrides_are_typed() -> None:

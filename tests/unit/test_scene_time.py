@@ -6,13 +6,7 @@ import tomllib
 import numpy as np
 import pytest
 
-from ffsi.scene import (
-    CASES,
-    Scene,
-    Time,
-    load_scene,
-    with_values,
-)
+from ffsi.scene import CASES, Scene, Time, load_scene, with_values
 
 
 def test_theta_of_the_schemes() -> None:

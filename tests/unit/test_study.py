@@ -8,11 +8,12 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from ffsi import study
-from ffsi.folder import InputError
-from ffsi.result import Result
+from ffsi.cli.vary import parse_all, parse_vary
+from ffsi.files.errors import InputError
+from ffsi.hemodynamics.result import Result
+from ffsi.run import sweep as study
+from ffsi.run.sweep import plan, sweep
 from ffsi.scene import SceneError, load_scene
-from ffsi.study import parse_all, parse_vary, plan, sweep
 
 pytestmark = pytest.mark.usefixtures("check")
 KEY = "inflow.mean_velocity"

@@ -8,18 +8,11 @@ import pandas as pd
 import pytest
 from time_folders import HEAD, NEWTON_HEAD, STEPS_HEAD, write_checkpoint
 
-from ffsi.folder import InputError
-from ffsi.rawfiles import read_arrays, write_arrays
-from ffsi.timesteps import (
-    cut_back,
-    keep_checkpoint,
-    read_checkpoint,
-    read_history,
-    read_saved_steps,
-    seconds_of_run,
-    seconds_of_steps,
-    write_steps_json,
-)
+from ffsi.files.arrays import read_arrays, write_arrays
+from ffsi.files.checkpoints import cut_back, keep_checkpoint, read_checkpoint
+from ffsi.files.errors import InputError
+from ffsi.files.history import read_history, seconds_of_run, seconds_of_steps
+from ffsi.files.steps import read_saved_steps, write_steps_json
 
 
 @pytest.fixture

@@ -8,9 +8,9 @@ import pytest
 from units_scaling import FACTORS, factor_of, in_units
 from vessel_meshes import write_scene
 
-from ffsi import units
-from ffsi.render import parameters, render
 from ffsi.scene import CASES, Scene, boundaries, load_scene
+from ffsi.script.parameters import units_of
+from ffsi.script.render import parameters, render
 
 
 def same(there: Scene, here: Scene) -> None:
@@ -126,7 +126,7 @@ def chosen(scene: Scene) -> dict[str, float]:
     """Return what the script takes its units from, in SI."""
     numbers = parameters(scene)
     names = {p.variable: p.value for p in numbers} | {"sqrt": math.sqrt}
-    found = units.context(scene, numbers)
+    found = units_of(scene, numbers)
     names["unitLength"] = eval(found["unit_of_length"].replace("^", "**"), names)
     if scene.fluid:
         names["size"] = eval(found["unit_of_size"].replace("^", "**"), names)

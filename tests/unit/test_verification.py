@@ -7,11 +7,11 @@ import pytest
 from scipy.optimize import brentq
 from scipy.special import ellipeinc, ellipkinc
 
-from ffsi import verification
-from ffsi.folder import InputError
+from ffsi.files.errors import InputError
 from ffsi.freefem import FreeFEMError, FreeFEMNotFound
 from ffsi.scene import load_scene
-from ffsi.verification import (
+from studies import verification
+from studies.verification import (
     CAVITY,
     SECTIONS,
     Measurement,
@@ -31,7 +31,7 @@ from ffsi.verification import (
     short,
     to_frame,
 )
-from ffsi.verification.tables import size
+from studies.verification.tables import size
 
 README = "before\n<!-- verification:begin -->\nold\n<!-- verification:end -->\nafter\n"
 ALL_BLOCKS = "".join(f"<!-- {s.block}:begin -->\nold\n<!-- {s.block}:end -->\n" for s in SECTIONS)
@@ -178,7 +178,7 @@ def test_everything_is_written(tmp_path, calls, capsys):
     assert text.endswith("after\n")
     assert "old" not in text
     assert "| turek-fsi1 | hp | 4 | 24000 |" in text
-    assert text.count("Written by `ffsi verify` (FreeFEM 4.9 with MUMPS, one thread;") == 1
+    assert text.count("Written by `python -m studies verify` (FreeFEM 4.9 with MUMPS, one thread;") == 1
     assert "[verification.md](results/verification.md)" in text
     assert all(f"{section.block}:begin -->\n" in text for section in SECTIONS)
     document = (tmp_path / "results/verification.md").read_text()
@@ -203,7 +203,7 @@ def test_chosen_levels_are_named_and_a_failed_run_leaves_the_readme_alone(tmp_pa
     readme = tmp_path / "README.md"
     readme.write_text(ALL_BLOCKS)
     assert set(verification.main([1], tmp_path, readme)) == {""}
-    assert "`ffsi verify --levels 1`" in readme.read_text()
+    assert "`python -m studies verify --levels 1`" in readme.read_text()
     assert {level for *_, level in calls} == {1}
     readme.write_text(ALL_BLOCKS)
     monkeypatch.setattr(runs, "measure", failed)

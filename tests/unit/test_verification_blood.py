@@ -1,4 +1,4 @@
-"""Flow of blood: exact flows in plane, bent and oscillating channels, and what `ffsi verify --blood` makes of runs."""
+"""Flow of blood: exact flows in plane, bent and oscillating channels, and what `verify --blood` makes of runs."""
 
 import math
 from dataclasses import dataclass, replace
@@ -10,27 +10,19 @@ import pytest
 from scipy.integrate import quad
 from time_folders import scene_in_time
 
-from ffsi import folder
+from ffsi.files import folder
 from ffsi.scene import CASES, load_scene
 from ffsi.scene.fluids import Carreau, Casson, Newtonian, PowerLaw
-from ffsi.verification import blood, periodic_runs
-from ffsi.verification.aneurysm_cases import ANEURYSM_CASES, level_changes
-from ffsi.verification.bent_channel import bent_flow
-from ffsi.verification.blood_tables import TABLES
-from ffsi.verification.far_from_dome import Lumen
-from ffsi.verification.measured import Column, Measured, MeasuredTable, Row, to_frame, worst
-from ffsi.verification.oscillating_channel import (
-    DENSITY,
-    HEIGHT,
-    PERIOD,
-    RATE,
-    SWING,
-    VISCOSITY,
-    oscillating_flow,
-)
-from ffsi.verification.periodic_runs import run_all
-from ffsi.verification.plane_blood import PLANE_CASES
-from ffsi.verification.plane_channel import plane_flow, shear_rate, stress
+from studies.verification import blood, periodic_runs
+from studies.verification.aneurysm_cases import ANEURYSM_CASES, level_changes
+from studies.verification.bent_channel import bent_flow
+from studies.verification.blood_tables import TABLES
+from studies.verification.far_from_dome import Lumen
+from studies.verification.measured import Column, Measured, MeasuredTable, Row, to_frame, worst
+from studies.verification.oscillating_channel import DENSITY, HEIGHT, PERIOD, RATE, SWING, VISCOSITY, oscillating_flow
+from studies.verification.periodic_runs import run_all
+from studies.verification.plane_blood import PLANE_CASES
+from studies.verification.plane_channel import plane_flow, shear_rate, stress
 
 NEWTONIAN = Newtonian(density=1035.0, viscosity=3.5e-3)
 CARREAU = Carreau(density=1035.0)
@@ -315,7 +307,7 @@ def test_everything_is_written_and_a_second_call_goes_on(tmp_path, in_time, chec
     text = readme.read_text()
     assert text.startswith("before\n") and text.endswith("after\n") and "old" not in text
     assert "| TAWSS mean Pa | min Pa (≥ 0) |" in text
-    assert "Written by `ffsi verify --blood` (FreeFEM 4.9 with MUMPS, one thread;" in text
+    assert "Written by `python -m studies verify --blood` (FreeFEM 4.9 with MUMPS, one thread;" in text
     assert "[blood.md](results/blood.md)" in text
     assert "| elastic, Newtonian | 2 |" in (tmp_path / "results/blood.md").read_text()
     assert "TAWSS mean Pa" in capsys.readouterr().out

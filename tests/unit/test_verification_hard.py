@@ -1,4 +1,4 @@
-"""`ffsi verify --hard`: the entries as data, their runs, the verdicts on them, what is written."""
+"""`python -m studies verify --hard`: the entries as data, their runs, the verdicts on them, what is written."""
 
 import math
 from dataclasses import replace
@@ -7,13 +7,13 @@ from types import SimpleNamespace
 import pandas as pd
 import pytest
 
-from ffsi.folder import InputError
+from ffsi.files.errors import InputError
 from ffsi.freefem import FreeFEMNotFound
 from ffsi.scene import Scene, SceneError
-from ffsi.verification import hard, hard_runs
-from ffsi.verification.hard_entries import Entry, Expectation, load, select
-from ffsi.verification.hard_runs import Outcome
-from ffsi.verification.hard_verdicts import CAUSE, FAILED, NO_CLAIM, REFUSED, SOLVED, WRONG, judge
+from studies.verification import hard, hard_runs
+from studies.verification.hard_entries import Entry, Expectation, load, select
+from studies.verification.hard_runs import Outcome
+from studies.verification.hard_verdicts import CAUSE, FAILED, NO_CLAIM, REFUSED, SOLVED, WRONG, judge
 
 TITLES, ENTRIES = load()
 NEAR = Expectation("drag", value=2.0, within=0.01)

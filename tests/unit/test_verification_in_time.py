@@ -1,4 +1,4 @@
-"""`ffsi verify --unsteady` and `--long`: published values, bounds, run folders, tables, files."""
+"""`python -m studies verify --unsteady` and `--long`: published values, bounds, run folders, tables, files."""
 
 import math
 from dataclasses import replace
@@ -9,16 +9,17 @@ import pytest
 from test_cli import call
 from time_folders import scene_in_time
 
-from ffsi import folder, unsteady
-from ffsi.folder import InputError
-from ffsi.references import references
-from ffsi.report.figures import to_png
-from ffsi.result import published_value
+from ffsi.files import folder
+from ffsi.files.errors import InputError
+from ffsi.result.pictures import to_png
+from ffsi.result.published import references
+from ffsi.result.quantities import published_value
+from ffsi.run import watch
 from ffsi.scene import CASES
-from ffsi.verification import blood, hard, long, periodic, periodic_runs, reference_sets
-from ffsi.verification.periodic_cases import PERIODIC_CASES, PeriodicRun
-from ffsi.verification.periodic_output import Outcome, case_table, marked
-from ffsi.verification.periodic_runs import TimeRun, run_all
+from studies.verification import blood, hard, long, periodic, periodic_runs, reference_sets
+from studies.verification.periodic_cases import PERIODIC_CASES, PeriodicRun
+from studies.verification.periodic_output import Outcome, case_table, marked
+from studies.verification.periodic_runs import TimeRun, run_all
 
 BY_NAME = {case.name: case for case in PERIODIC_CASES}
 BOUNDS = {  # in per cent
@@ -49,7 +50,7 @@ def coarse_pictures(monkeypatch):
 @pytest.fixture
 def in_time(in_time, monkeypatch):
     """The stand-in, without looks at its progress: they cost more than all the rest."""
-    monkeypatch.setattr(unsteady, "LOOK_EVERY", math.inf)
+    monkeypatch.setattr(watch, "LOOK_EVERY", math.inf)
     return in_time
 
 
@@ -256,7 +257,7 @@ def test_everything_is_written(tmp_path, in_time, check, capsys):
     text = readme.read_text()
     assert text.startswith("before\n") and text.endswith("after\n") and "old" not in text
     assert "`turek-cfd3`" in text
-    assert "Written by `ffsi verify --unsteady` (FreeFEM 4.9 with MUMPS, one thread;" in text
+    assert "Written by `python -m studies verify --unsteady` (FreeFEM 4.9 with MUMPS, one thread;" in text
     assert "(results/verification-unsteady.png)" in text
     assert "| u_y amplitude (< 3 %) |" in (tmp_path / "results/verification-unsteady.md").read_text()
     assert "turek-cfd3" in capsys.readouterr().out
@@ -386,10 +387,10 @@ def test_the_kind_of_verification_is_chosen_by_its_option(capsys, monkeypatch, w
     ("words", "message"),
     [
         (["--unsteady", "--long"], "give either --unsteady or --long, not both"),
-        (["--unsteady", "--levels", "1"], "ffsi verify --unsteady has no option --levels"),
-        (["--jobs", "2"], "ffsi verify has no option --jobs"),
-        (["--long", "--only", "h-*"], "ffsi verify --long has no option --only"),
-        (["--hard", "--readme", "README.md"], "ffsi verify --hard has no option --readme"),
+        (["--unsteady", "--levels", "1"], "python -m studies verify --unsteady has no option --levels"),
+        (["--jobs", "2"], "python -m studies verify has no option --jobs"),
+        (["--long", "--only", "h-*"], "python -m studies verify --long has no option --only"),
+        (["--hard", "--readme", "README.md"], "python -m studies verify --hard has no option --readme"),
     ],
 )
 def test_options_of_another_verification_are_refused(capsys, words, message):

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from run_folders import given_state, point_json, structured_mesh
 
+from ffsi.files.arrays import read_arrays, write_arrays, write_mesh, write_state
 from ffsi.freefem import Completed, Event, FreeFEMError
-from ffsi.rawfiles import read_arrays, write_arrays, write_mesh, write_state
 from ffsi.scene import Scene, load_scene
 
 HEAD = "time,step,drag,lift,tip_ux,tip_uy,min_jacobian,iterations,factorized,seconds\n"

@@ -1,4 +1,4 @@
-"""Flow of blood, from the table that `make verify` has just written (`ffsi verify --blood`, minutes).
+"""Flow of blood, from the table that `make verify` has just written (`python -m studies verify --blood`, minutes).
 
 Errors are computed again from the values in the table, exact values again where they have a closed form.
 """
@@ -9,8 +9,8 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from ffsi.verification import blood
-from ffsi.verification.blood_tables import CHANGE, CHECK, FAR, LONGEST, OSCILLATING, PLANE
+from studies.verification import blood
+from studies.verification.blood_tables import CHANGE, CHECK, FAR, LONGEST, OSCILLATING, PLANE
 
 RESULTS = Path(__file__).parents[2] / "results"
 STEADY, PULSATILE = ([case for case in blood.CASES if case.group == group] for group in ("steady", "pulsatile"))

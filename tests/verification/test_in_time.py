@@ -10,8 +10,8 @@ import pandas as pd
 import pytest
 
 from ffsi.scene import CASES
-from ffsi.verification import long, periodic
-from ffsi.verification.periodic_cases import LARGEST, PERIODIC_CASES
+from studies.verification import long, periodic
+from studies.verification.periodic_cases import LARGEST, PERIODIC_CASES
 
 RESULTS = Path(__file__).parents[2] / "results"
 COMPARED = [(case, item) for case in PERIODIC_CASES for item in case.compared]

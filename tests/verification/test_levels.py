@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import pytest
 
-from ffsi.verification import flaps
+from studies.verification import flaps
 
 LEVELS = range(5)
 TIP, DRAG = 0.5e-2, 0.3e-2  # largest relative difference between two levels; half of it between the finest two

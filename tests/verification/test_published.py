@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ffsi.references import references_for
-from ffsi.result import Result
-from ffsi.run import solve
+from ffsi.hemodynamics.result import Result
+from ffsi.result.published import references_for
+from ffsi.run.solve import solve
+from ffsi.run.sweep import sweep
 from ffsi.scene import CASES, load_scene
-from ffsi.study import sweep
 
 PLAIN = ["output.pictures=false", "output.vtu=false"]
 MODERATE, FINE = (2, 30_000), (4, 160_000)  # level, largest number of unknowns
@@ -40,7 +40,7 @@ BOUNDS = [
 FINE_BOUNDS = [("tip_ux", 0.15e-2), ("tip_uy", 0.35e-2), ("drag", 0.01e-2), ("lift", 0.2e-2)]
 # An independent hp-refined computation of FSI1, which the finest mesh must meet within 0.15 %.
 HP = {"tip_ux": 2.2692e-5, "tip_uy": 8.186e-4, "drag": 14.2940, "lift": 0.76476}
-# Converged, u_y lies between the finest values of the two published mesh series (ffsi/data/further_values.csv);
+# Converged, u_y lies between the finest values of the two published mesh series (studies/data/further_values.csv);
 # the often quoted -0.232 and -0.2305 come from their coarsest meshes.
 CAVITY = (-0.25063, -0.23563)
 CAVITY_FORCE = -5.2545  # N/m, Tukovic, finest mesh

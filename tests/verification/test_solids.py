@@ -1,6 +1,6 @@
 """Solids alone, by `make verify`: Cook's membrane beside published values, the cantilever beside the elastica.
 
-What is known of each case is in ffsi/data/further_values.csv, and what is wrong with it in ffsi/data/README.md.
+What is known of each case is in studies/data/further_values.csv, and what is wrong with it in ffsi/data/README.md.
 """
 
 import dataclasses
@@ -15,7 +15,7 @@ from ffsi.reference.solve import solve
 from ffsi.reference.structured import structured_mesh
 from ffsi.reference.system import System
 from ffsi.scene import load_scene, with_values
-from ffsi.verification import cook, elastica
+from studies.verification import cook, elastica
 
 LEVELS = (0, 1, 2, 3)
 LINEAR_BAND = (32.20, 32.33)  # of published computations

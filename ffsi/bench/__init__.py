@@ -1,5 +1,0 @@
-"""`ffsi bench`: error against seconds, what assembly costs beside a factorisation, and how far mesh motions carry."""
-
-from ffsi.bench.levels import main
-
-__all__ = ["main"]

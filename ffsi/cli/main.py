@@ -1,0 +1,440 @@
+"""The command line; for its exit codes see `exit_codes.TEXT`."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import re
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ffsi.cli import show
+from ffsi.cli.exit_codes import BAD_INPUT, CHECK_FAILED, FAULT, INTERRUPTED, NO_FREEFEM, NOT_CONVERGED, TEXT, worst
+from ffsi.cli.streams import guarded
+from ffsi.files import folder, machine
+from ffsi.files.errors import InputError
+from ffsi.files.manifest import newest_checkpoint
+from ffsi.freefem import FreeFEMError
+from ffsi.hemodynamics.result import Result, load_result, load_results
+from ffsi.result import resolution
+from ffsi.result.evaluation import words
+from ffsi.result.in_time import STOPPED
+from ffsi.run.resume import check_resumable
+from ffsi.scene import MeshGeometry, Scene, SceneError, load_scene
+from ffsi.text import nearest
+
+app = typer.Typer(
+    name="ffsi",
+    help="Strongly coupled fluid-structure interaction in 2D with FreeFEM: solve, check, study, report.",
+    epilog=TEXT,
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+Case = Annotated[
+    str, typer.Argument(metavar="CASE|scene.toml", help="A case of `ffsi cases`, or a scene file.", show_default=False)
+]
+OptionalCase = Annotated[
+    str | None,
+    typer.Argument(metavar="CASE|scene.toml", help="A case of `ffsi cases`, or a scene file.", show_default=False),
+]
+Settings = Annotated[
+    list[str],
+    typer.Option(
+        "--set",
+        metavar="KEY=VALUE",
+        help="Change a value of the scene, or remove it with KEY=none; repeatable.",
+        show_default=False,
+    ),
+]
+AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON on stdout, and nothing else there.")]
+NoCheck = Annotated[bool, typer.Option("--no-check", help="Skip the independent reference check.")]
+Threads = Annotated[int, typer.Option("--threads", min=1, help="Threads of the linear algebra.")]
+
+
+FIELDS = ", ".join(folder.PICTURES)
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        from ffsi.script.render import package_version
+
+        sys.stdout.write(f"ffsi {package_version()}\n")
+        raise typer.Exit
+
+
+@app.callback()
+def options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and end.")
+    ] = False,
+) -> None:
+    """Strongly coupled fluid-structure interaction in 2D with FreeFEM: solve, check, study, report."""
+
+
+@app.command()
+def cases(json: AsJson = False) -> None:
+    """List the cases of the catalogue."""
+    entries = show.catalogue()
+    if json:
+        sys.stdout.write(folder.to_json(entries))
+    else:
+        show.cases(entries)
+
+
+@app.command()
+def run(
+    case: OptionalCase = None,
+    settings: Settings = [],  # noqa: B006
+    out: Annotated[Path | None, typer.Option("--out", help="The run folder.", show_default="runs/CASE")] = None,
+    json: AsJson = False,
+    no_check: NoCheck = False,
+    threads: Threads = 1,
+    resume: Annotated[
+        Path | None,
+        typer.Option(
+            "--resume",
+            metavar="DIR",
+            help="Go on with the run in time in DIR, which was killed or stopped, instead of a case.",
+            show_default=False,
+        ),
+    ] = None,
+    animate: Annotated[
+        str | None,
+        typer.Option("--animate", metavar="FIELD", help=f"In time: write FIELD.gif ({FIELDS}).", show_default=False),
+    ] = None,
+) -> None:
+    """Solve one case and check it.
+
+    Exit codes: 0 solved and checked, 1 the check failed, 2 bad input, 3 not converged (partial results are kept),
+    4 FreeFEM missing or crashed or the machine out of disk, memory or time.
+    """
+    from ffsi.run.solve import solve
+
+    if resume is not None:
+        if case is not None or settings or out is not None:
+            raise InputError("--resume takes case, values and folder from DIR: give no CASE, --set or --out")
+        scene, directory = check_resumable(resume), resume
+    elif case is None:
+        raise InputError("Missing argument CASE or scene.toml, or --resume DIR")
+    else:
+        scene = load_scene(case, settings)
+        directory = out or Path("runs") / scene.name
+        folder.check_usable(directory)
+    if animate is not None:
+        _check_animation(scene, animate)
+    if not json:
+        show.domain(scene)
+    try:
+        with machine.computing(directory), show.progress(scene.name) as on_event:
+            result = solve(
+                scene,
+                directory,
+                check=not no_check,
+                on_event=on_event,
+                threads=threads,
+                resume=resume is not None,
+                animate=animate,
+            )
+    except (FreeFEMError, machine.MachineError) as error:
+        if json:
+            sys.stdout.write(_crash_json(directory, scene.name, error))
+        for warning in resolution.of_scene(scene):
+            show.note(f"warning: {warning}")
+        _say_how_to_resume(scene, directory)
+        raise
+    except KeyboardInterrupt:
+        _say_how_to_resume(scene, directory)
+        raise
+    if json:
+        sys.stdout.write(folder.to_json(result.data))
+    else:
+        show.result(result)
+    if animate is not None and (directory / f"{animate}.gif").is_file():
+        show.note(f"wrote {directory / animate}.gif ({len(result.saved_steps)} frames)")
+    if result.failure == STOPPED:
+        _say_how_to_resume(scene, directory)
+    _finish([result], directory)
+
+
+@app.command()
+def animate(
+    directory: Annotated[Path, typer.Argument(metavar="DIR", help="The folder of a run in time.", show_default=False)],
+    field: Annotated[
+        str | None, typer.Option("--field", help=FIELDS, show_default="velocity, of a solid alone displacement")
+    ] = None,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", help="The GIF file.", show_default="DIR/FIELD.gif")
+    ] = None,
+) -> None:
+    """Write a GIF of a computation in time, from the states saved every time.output_interval."""
+    result = load_result(directory)
+    name = field or ("velocity" if result.scene.fluid else "displacement")
+    _check_animation(result.scene, name)
+    if output is not None:
+        _check_output(output)
+    _animate(result, name, output or directory / f"{name}.gif")
+
+
+@app.command()
+def render(
+    case: Case,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", help="Write the script here instead of stdout.", show_default=False)
+    ] = None,
+    settings: Settings = [],  # noqa: B006
+) -> None:
+    """Write the FreeFEM script of a case; with -o, also the mesh of a scene that has its own, beside it."""
+    from ffsi.script.render import render as render_script
+
+    scene = load_scene(case, settings)
+    if output is not None:
+        _check_output(output)
+    if output is None:
+        sys.stdout.write(render_script(scene))
+        return
+    mesh = output.with_suffix(".mesh")
+    text = render_script(scene, mesh_file=mesh.name)
+    if isinstance(scene.geometry, MeshGeometry):
+        if not re.fullmatch(r"[\w. -]+", mesh.name):
+            raise InputError(f"{mesh.name!r}: the mesh beside the script needs a name of letters, digits and . - _")
+        scene.geometry.write(mesh)
+    folder.write_text(output, text)
+
+
+@app.command()
+def sweep(
+    case: Case,
+    vary: Annotated[
+        list[str],
+        typer.Option(
+            "--vary",
+            metavar="KEY=START:STOP:STEP|A,B,C",
+            help="A parameter and its values; repeatable.",
+            show_default=False,
+        ),
+    ],
+    out: Annotated[
+        Path, typer.Option("--out", help="The sweep's folder; a second call resumes it.", show_default=False)
+    ],
+    settings: Settings = [],  # noqa: B006
+    jobs: Annotated[
+        int | None, typer.Option("--jobs", min=1, help="FreeFEM processes at a time.", show_default="1")
+    ] = None,
+    dask: Annotated[
+        str | None,
+        typer.Option("--dask", metavar="ADDRESS", help="Dask scheduler instead of --jobs.", show_default=False),
+    ] = None,
+    json: AsJson = False,
+    no_check: NoCheck = False,
+) -> None:
+    """Solve a case for many values of its parameters into one table, sweep.csv."""
+    from ffsi.cli.vary import parse_all
+    from ffsi.result.table import TABLE, points
+    from ffsi.run.sweep import plan
+    from ffsi.run.sweep import sweep as run_sweep
+
+    if jobs is not None and dask is not None:
+        raise InputError("give either --jobs or --dask, not both")
+    scene = load_scene(case, settings)
+    varied = parse_all(vary)
+    if not json and plan(scene, varied):  # which refuses keys and values that the scene does not accept
+        show.domain(scene)
+    try:
+        with machine.computing(out), show.progress(scene.name, len(points(varied))) as on_event:
+            table = run_sweep(scene, varied, out, jobs=jobs or 1, dask=dask, check=not no_check, on_event=on_event)
+    except KeyboardInterrupt:
+        show.note(f"interrupted; the same call goes on with what is missing in {out}")
+        raise
+    if json:
+        sys.stdout.write(table.to_json(orient="records", indent=2) + "\n")
+    else:
+        show.sweep(table, list(varied), out)
+    failures = sorted({str(item) for item in table["failure"]})
+    for name in failures:
+        if name:
+            count = int((table["failure"] == name).sum())
+            show.error(f"{count} of {len(table)} points: {name}; see the column reason of {out / TABLE}")
+    if "not_evaluated" in table:
+        for text in table["not_evaluated"].dropna().unique():
+            show.error(f"not evaluated: {text}")
+        failures.append("not-evaluated")
+    raise typer.Exit(worst(failures))
+
+
+@app.command()
+def check(
+    directory: Annotated[Path, typer.Argument(metavar="DIR", help="A run folder or a sweep.", show_default=False)],
+    json: AsJson = False,
+) -> None:
+    """Run the independent checker on results that are already there.
+
+    Exit codes: 0 passed, 1 failed, 2 bad input, 3 nothing converged there.
+    """
+    from ffsi.result import table
+    from ffsi.run import recheck
+    from ffsi.run.verdict import verdict
+
+    results = load_results(directory, believe=True)
+    solved = [result for result in results if result.solved]
+    problems = table.problems(directory) if folder.is_sweep_folder(directory) else []
+    found = [(result, recheck.problems(result)) for result in results if result.solved or "digest" in result.data]
+    problems += [f"{result.file}: {text}" for result, texts in found for text in texts]
+    if not solved and not problems:
+        show.error(f"{directory} holds no converged point, there is nothing to check")
+        raise typer.Exit(NOT_CONVERGED)
+    reports = []
+    for result in solved:
+        try:
+            reports.append((result, verdict(result.directory, result.scene, result.point)))
+        except (ValueError, OSError) as error:  # its files do not fit together: damaged, or of another scene
+            if machine.ended(error):
+                raise
+            problems.append(f"{result.directory}, point {result.point}: {machine.words(error)}")
+    passed = not problems and all(report.passed for _, report in reports)
+    if json:
+        sys.stdout.write(folder.to_json({"passed": passed, "problems": problems, "points": show.check_rows(reports)}))
+    elif reports:
+        show.checks(reports)
+    for text in problems:
+        show.error(text)
+    for result, report in reports:
+        for failure in report.failures:
+            show.error(f"{result.directory}, point {result.point}: {failure}")
+    raise typer.Exit(0 if passed else CHECK_FAILED)
+
+
+@app.command()
+def report(
+    directories: Annotated[
+        list[Path], typer.Argument(metavar="DIR...", help="Run folders and sweeps.", show_default=False)
+    ],
+    output: Annotated[Path, typer.Option("-o", "--output", help="The HTML file.")] = Path("report.html"),
+) -> None:
+    """Write one self-contained HTML report."""
+    from ffsi.report import write_report
+
+    _check_output(output)
+    write_report(directories, output)
+    show.note(f"wrote {output}")
+
+
+@app.command()
+def doctor() -> None:
+    """Look for FreeFEM and everything else that a run needs. Exit code 0, or 4 if something is missing."""
+    raise typer.Exit(0 if show.doctor() else NO_FREEFEM)
+
+
+def main(arguments: Sequence[str] | None = None, commands: typer.Typer = app, name: str = "ffsi") -> None:
+    """Run the command line, or another program's commands in its way; always ends in SystemExit."""
+    log = logging.getLogger("ffsi")
+    handler, level = show.LogHandler(logging.INFO), log.level
+    handler.addFilter(lambda record: record.name != "ffsi.run.execute")  # its failures are printed here
+    log.addHandler(handler)
+    log.setLevel(logging.INFO)
+    try:
+        with guarded() as stdout:
+            code = _call(arguments, commands, name)
+            stdout.flush()
+            if stdout.lost:
+                show.error(f"standard output: {stdout.lost}; what this command printed there is lost")
+                code = code or NO_FREEFEM
+    finally:
+        log.removeHandler(handler)
+        log.setLevel(level)
+    sys.exit(code)
+
+
+def _call(arguments: Sequence[str] | None, commands: typer.Typer, name: str) -> int:
+    """Run a command and return its exit code; whatever goes wrong is said in one place."""
+    try:
+        words = list(arguments) if arguments is not None else None
+        return int(commands(args=words, prog_name=name, standalone_mode=False) or 0)
+    except (SceneError, InputError) as error:
+        show.error(str(error))
+        return BAD_INPUT
+    except FreeFEMError as error:
+        show.error(str(error))
+        return BAD_INPUT if error.kind == "bad-input" else NO_FREEFEM
+    except machine.MachineError as error:
+        show.error(str(error))
+        return NO_FREEFEM
+    except OSError as error:
+        show.error(machine.words(error))
+        return NO_FREEFEM if machine.ended(error) else BAD_INPUT
+    except MemoryError:
+        show.error(machine.words(MemoryError()))
+        return NO_FREEFEM
+    except KeyboardInterrupt:
+        return INTERRUPTED
+    except Exception as error:
+        if hasattr(error, "format_message"):  # of the command line itself; typer has no public name for it
+            return show.usage(error)
+        show.fault(error)
+        return FAULT
+
+
+def _finish(results: Sequence[Result], directory: Path) -> None:
+    for result in results:
+        if not result.converged:
+            show.error(f"{result.reason}; what there is lies in {directory}")
+        for note in result.not_evaluated:
+            show.error(f"not evaluated: {words(note)}")
+    raise typer.Exit(worst([result.failure or _not_evaluated(result) for result in results]))
+
+
+def _not_evaluated(result: Result) -> str:
+    """Return why a result is not whole: a fault of its evaluation, or a full disk or memory."""
+    if any(note.get("cause") == "machine" for note in result.not_evaluated):
+        return "crash"
+    return "not-evaluated" if result.not_evaluated else ""
+
+
+def _say_how_to_resume(scene: Scene, directory: Path) -> None:
+    with contextlib.suppress(InputError):
+        if scene.time is not None and (last := newest_checkpoint(directory)) is not None:
+            show.note(f"ffsi run --resume {directory} goes on from t = {last.time:g} s")
+
+
+def _check_animation(scene: Scene, field: str) -> None:
+    """Refuse an animation that cannot be made, before anything is computed."""
+    fluid, solid = scene.fluid is not None, bool(scene.solid)
+    there = {"velocity": fluid, "pressure": fluid, "displacement": solid}
+    known = [name for name, is_there in there.items() if is_there]
+    if field not in known:
+        guess = nearest(field, known)
+        hint = f' (did you mean "{guess}"?)' if guess else ""
+        raise InputError(f"no animation of {field!r}; of this scene there is {', '.join(known)}{hint}")
+    if scene.time is None:
+        raise InputError(f"{scene.name} is steady; there is nothing to animate")
+    if scene.time.output_interval is None:
+        raise InputError("an animation needs the fields at several times: set time.output_interval")
+
+
+def _animate(result: Result, field: str, output: Path) -> None:
+    from ffsi.report.animation import write_animation
+
+    count = write_animation(result, field, output)
+    show.note(f"wrote {output} ({count} frames)")
+
+
+def _check_output(path: Path) -> None:
+    if path.is_dir():
+        raise InputError(f"{path} is a folder; -o takes the name of a file")
+    if not path.parent.is_dir():
+        raise InputError(f"{path.parent} does not exist; make that folder first")
+
+
+def _crash_json(directory: Path, name: str, error: Exception) -> str:
+    """Return what the run left behind, unless that is an earlier run's result."""
+    path = directory / folder.RESULT
+    data = folder.read_json(path) if path.is_file() else {}
+    if data.get("failure") != "crash":
+        data = {"case": name, "status": "failed", "reason": str(error)}
+    return folder.to_json(data)

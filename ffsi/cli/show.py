@@ -1,0 +1,273 @@
+"""What the command line prints: tables on stdout, notes and errors on stderr."""
+
+from __future__ import annotations
+
+import logging
+import math
+import shlex
+import sys
+import tempfile
+import traceback
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pandas as pd
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from ffsi.cli.progress import ProgressDisplay
+from ffsi.hemodynamics.result import Result
+from ffsi.result.domain import intended, words
+from ffsi.result.published import Reference, references_for
+from ffsi.result.quantities import published_value, unit
+from ffsi.result.words import tally, time_line
+from ffsi.scene import CASES, Scene
+from ffsi.scene.materials import Elastic
+from ffsi.text import cut, printable
+
+if TYPE_CHECKING:
+    from ffsi.reference import CheckReport
+
+# Quantities that only help to diagnose; they are in result.json.
+MINOR = ("_surface", "_x", "_y", "drag_cylinder", "lift_cylinder", "drag_beam", "lift_beam")
+
+
+def _out() -> Console:
+    console = Console(highlight=False)
+    return console if console.is_terminal else Console(highlight=False, width=160)  # a file has no narrow lines
+
+
+def _stderr() -> Console:
+    return Console(stderr=True, highlight=False)
+
+
+def text(value: object, style: str = "") -> Text:
+    """Return what a file or a person has named, fit for a table: no markup, no control characters."""
+    return Text(cut(value), style=style)
+
+
+def _lines(message: str) -> str:
+    return "\n".join(printable(line) for line in message.split("\n"))
+
+
+def error(message: str) -> None:
+    """Print an error on stderr, as it is."""
+    _stderr().print(Text("error: ", style="bold red") + Text(_lines(message)), soft_wrap=True)
+
+
+def note(message: str) -> None:
+    """Print a note on stderr."""
+    _stderr().print(Text(_lines(message)), soft_wrap=True)
+
+
+def usage(error_of_typer: Any) -> int:
+    """Print what is wrong with the words of the command line, and where help is; return the exit code."""
+    context = getattr(error_of_typer, "ctx", None)
+    if type(error_of_typer).__name__ == "NoArgsIsHelpError":
+        error_of_typer.show()
+    else:
+        error(error_of_typer.format_message())
+        note(f"{context.command_path if context else 'ffsi'} --help shows what is accepted")
+    return int(error_of_typer.exit_code)
+
+
+def fault(error_of_ours: Exception) -> None:
+    """Say that ffsi itself is wrong; the traceback goes into a file for whoever mends it."""
+    from ffsi.script.render import package_version
+
+    what = f"{type(error_of_ours).__name__}: {error_of_ours}"
+    where = "".join(traceback.format_exception(error_of_ours))
+    try:
+        with tempfile.NamedTemporaryFile(
+            "w", prefix="ffsi-fault-", suffix=".txt", delete=False, encoding="utf-8"
+        ) as file:
+            file.write(f"ffsi {package_version()}\n{shlex.join(sys.argv)}\n{where}")
+        kept = f"the details are in {file.name}"
+    except OSError:
+        kept = f"the details:\n{where}"
+    error(f"a fault of ffsi itself: {cut(what, 500)}; please report it to its authors with the command; {kept}")
+
+
+class LogHandler(logging.Handler):
+    """Prints warnings and remarks on stderr."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Print one."""
+        mark = "" if record.levelno < logging.WARNING else f"{record.levelname.lower()}: "
+        note(mark + cut(record.getMessage(), 2000))
+
+
+def progress(case: str = "", points: int | None = None) -> ProgressDisplay:
+    """Return the live line on stderr, to be used as a context manager and listener."""
+    return ProgressDisplay(case, points)
+
+
+def catalogue() -> list[dict[str, Any]]:
+    """Return name, physics and description of every case."""
+    return [{"name": name, "physics": scene.physics, "description": scene.description} for name, scene in CASES.items()]
+
+
+def cases(entries: Sequence[Mapping[str, Any]]) -> None:
+    """Print the catalogue."""
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for column in ("case", "physics", "description"):
+        table.add_column(column, no_wrap=column != "description")
+    for entry in entries:
+        table.add_row(Text(entry["name"]), Text(entry["physics"]), Text(entry["description"]))
+    _out().print(table)
+
+
+def domain(scene: Scene) -> None:
+    """Print what will be computed on: areas of the regions, roles and lengths of the boundaries."""
+    for line in words(intended(scene)):
+        _out().print(Text(line), soft_wrap=True)
+
+
+def result(done: Result) -> None:
+    """Print quantities beside published values, Newton, check and where the files are."""
+    console = _out()
+    data = done.data
+    style = "red" if not done.converged else "green" if done.checked else "yellow"
+    size = (
+        f"level {data.get('level')}, {data.get('triangles') or '?'} triangles, {data.get('unknowns') or '?'} unknowns"
+    )
+    console.print(text(data["case"], "bold"), text(done.verdict, style), text(f"({size})"))
+    when, values = done.shown_quantities
+    if values:
+        published = {} if when.startswith("at") else references_for(done.scene)
+        console.print(quantities(values, published, f"quantity {when}".strip()))
+    for line in summary(done):
+        console.print(Text(printable(line)), soft_wrap=True)
+
+
+def quantities(values: Mapping[str, float], published: Mapping[str, Reference], heading: str = "quantity") -> Table:
+    """Return the table of (flattened) quantities, with published values and errors where there are any."""
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    table.add_column(text(heading))
+    table.add_column("value", justify="right")
+    table.add_column("unit")
+    if published:
+        table.add_column("published", justify="right")
+        table.add_column("error", justify="right")
+    for name, value in values.items():
+        if name.endswith(MINOR) and name not in published:
+            continue
+        cells = [name, f"{value:.7g}", unit(name)]
+        if (found := published_value(name, published)) is not None:
+            cells += [f"{found[0]:.7g}", f"{100 * (value - found[0]) / abs(found[0]):+.3f} %"]
+        table.add_row(*map(text, cells))
+    return table
+
+
+def summary(done: Result) -> list[str]:
+    """Return the lines about Newton's method, the check, the time and the files, and the warnings."""
+    newton, timings, check = done.data["newton"], done.data["timings"], done.data["check"]
+    lines = [material_line(name, solid) for name, solid in done.scene.solid.items()]
+    if newton:
+        lines.append(f"Newton: {newton.get('iterations')} iterations, {newton.get('factorizations')} factorisations")
+    if done.data.get("time") is not None:
+        lines.append(time_line(done.data))
+    lines.append(check_line(check, done.check_failures))
+    if (total := timings.get("total")) is not None:
+        phases = ("factorize", "solve", "jacobian", "residual", "check", "pictures")
+        parts = ", ".join(f"{name} {timings[name]:.2f}" for name in phases if timings.get(name) is not None)
+        lines.append(f"time: {total:.2f} s ({parts})" if parts else f"time: {total:.2f} s")
+    return [*lines, f"files: {done.directory}", *(f"warning: {warning}" for warning in done.warnings)]
+
+
+def material_line(name: str, solid: Elastic) -> str:
+    """Return the material of a solid with its elastic constants at rest, converted from those that the scene gives.
+
+    Those of an incompressible solid that are infinite are left out.
+    """
+    symbols = {"young_modulus": "E", "poisson_ratio": "ν", "lame_lambda": "λ", "lame_mu": "μ", "bulk_modulus": "K"}
+    constants = ", ".join(
+        f"{symbols[key]} {value:.5g}{'' if key == 'poisson_ratio' else ' Pa'}"
+        for key, value in solid.elastic_constants.items()
+        if math.isfinite(value)
+    )
+    return f"{name}: {getattr(solid, 'material', 'solid')}, {constants}"
+
+
+def check_line(check: Mapping[str, Any], failures: Sequence[str]) -> str:
+    """Return the check in one line."""
+    numbers = {name: value for name, value in check.items() if isinstance(value, (int, float))}
+    if not numbers:
+        return "check: not done" if not failures else "check: FAILED"
+    worst = max(numbers, key=lambda name: math.inf if math.isnan(numbers[name]) else numbers[name])
+    return f"check: {'FAILED' if failures else 'passed'}, the largest is {worst} with {numbers[worst]:.1e}"
+
+
+def sweep(table: pd.DataFrame, keys: Sequence[str], out: Path) -> None:
+    """Print the sweep's table."""
+    console = _out()
+    quantities = ("drag", "lift", "tip_ux", "tip_uy", "min_jacobian")
+    endings = ("", "_mean", "_amplitude", "_frequency")
+    names = [name + ending for name in quantities for ending in endings if name + ending in table]
+    shown = Table(box=None, pad_edge=False, header_style="bold")
+    for name in [*keys, "status", *names, "check_maximum", "seconds"]:
+        shown.add_column(text(name), justify="left" if name == "status" else "right")
+    for _, line in table.iterrows():
+        good = line["status"] == "converged" and line["checked"]
+        word = line["status"] if good or line["status"] == "failed" else f"{line['status']}, not checked"
+        cells: list[str | Text] = [f"{line[key]:g}" for key in keys]
+        cells.append(text(word, "green" if good else "red"))
+        cells += [_cell(line[name], "{:.6g}") for name in names]
+        shown.add_row(*cells, _cell(line["check_maximum"], "{:.1e}"), _cell(line["seconds"], "{:.1f}"))
+    console.print(shown)
+    console.print(Text(tally(table)[0]), soft_wrap=True)
+    console.print(Text(printable(f"files: {out}")), soft_wrap=True)
+    for warning, count in table["warnings"].fillna("").value_counts().items():
+        if warning:
+            console.print(Text(f"warning at {count} of {len(table)} points: {warning}"), soft_wrap=True)
+
+
+def checks(reports: Sequence[tuple[Result, CheckReport]]) -> None:
+    """Print the numbers of the checker, one column per point."""
+    rows = check_rows(reports)
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    table.add_column("relative residual or difference")
+    for line in rows:
+        table.add_column(f"point {line['point']}", justify="right")
+    for name in list(rows[0])[3:]:
+        if any(line[name] is not None for line in rows):
+            table.add_row(name.replace("_", " "), *(_cell(line[name], "{:.1e}") for line in rows))
+    table.add_row("passed", *("yes" if line["passed"] else "NO" for line in rows))
+    _out().print(table)
+
+
+def check_rows(reports: Sequence[tuple[Result, CheckReport]]) -> list[dict[str, Any]]:
+    """Return what the checker found, one dictionary per point."""
+    from ffsi.result.quantities import CHECKED
+
+    return [
+        {
+            "folder": str(result.directory),
+            "point": result.point,
+            "passed": report.passed,
+            **{name: getattr(report, name) for name in CHECKED},
+        }
+        for result, report in reports
+    ]
+
+
+def doctor() -> bool:
+    """Print the diagnosis; return whether nothing failed."""
+    from ffsi.freefem.doctor import diagnose, healthy
+
+    found = diagnose()
+    style = {"ok": "green", "warn": "yellow", "fail": "bold red"}
+    table = Table(box=None, pad_edge=False, show_header=False)
+    for item in found:
+        advice = f"\n{item.advice}" if item.advice and item.status != "ok" else ""
+        table.add_row(
+            Text(item.status, style=style[item.status]), Text(item.name), Text(item.detail + advice, overflow="fold")
+        )
+    _out().print(table)
+    return healthy(found)
+
+
+def _cell(value: Any, form: str) -> str:
+    return "-" if value is None or pd.isna(value) else form.format(value)

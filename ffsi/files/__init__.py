@@ -1,0 +1,1 @@
+"""The run folder as code: names, arrays, tables, checkpoints, checksums."""

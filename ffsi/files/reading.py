@@ -1,0 +1,120 @@
+"""Files that others wrote: read whole, if they are ordinary files of a size that makes sense, or refused."""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+import os
+import stat
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ffsi.files.errors import InputError
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+MEGABYTE = 1_000_000
+LONGEST_TABLE = 4000 * MEGABYTE
+_DIGITS = 18  # of a whole number: what fits into 64 bits
+
+
+def read_bytes(path: Path, at_most: int) -> bytes:
+    """Return the content of an ordinary file.
+
+    Args:
+        path: the file; a device, a pipe or a folder is refused without reading from it.
+        at_most: bytes that are accepted.
+
+    Raises:
+        InputError: no ordinary file, or more than ``at_most`` bytes.
+        OSError: the system does not let it be read.
+    """
+    if "\0" in str(path):
+        raise InputError(f"{path} is no name of a file")
+    handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)  # of a pipe, do not wait for its writer
+    with os.fdopen(handle, "rb") as file:
+        status = os.fstat(handle)
+        if not stat.S_ISREG(status.st_mode):
+            raise InputError(f"{path} is {'a pipe' if stat.S_ISFIFO(status.st_mode) else 'a device'}, not a file")
+        data = file.read(at_most + 1) if status.st_size <= at_most else b""
+        if status.st_size > at_most or len(data) > at_most:
+            raise InputError(f"{path} is too large: a file of at most {at_most} bytes is accepted")
+        return data
+
+
+def read_text(path: Path, at_most: int = 100 * MEGABYTE) -> str:
+    """Return the content of a text file in UTF-8, with or without a mark in front.
+
+    Raises:
+        InputError: as `read_bytes`; also for other bytes.
+        OSError: as `read_bytes`.
+    """
+    try:
+        return read_bytes(path, at_most).decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path} is no text file in UTF-8 (byte {error.start} is another)") from None
+
+
+def read_json(path: Path, *, finite: bool = True) -> Any:
+    """Return the content of a JSON file, of any type; NaN and Infinity are accepted only if not `finite`.
+
+    Raises:
+        InputError: as `read_text`; also for what is no JSON, a number that is none, not finite or has more than 18
+            digits, a key that occurs twice, and nesting that is too deep.
+        OSError: as `read_bytes`.
+    """
+    text = read_text(path)
+    try:
+        return json.loads(
+            text,
+            parse_constant=_no_number if finite else float,
+            parse_float=_finite,
+            parse_int=_whole,
+            object_pairs_hook=_table,
+        )
+    except RecursionError:
+        raise InputError(f"{path} is no valid JSON: the nesting is too deep") from None
+    except ValueError as error:
+        raise InputError(f"{path} is no valid JSON: {error}") from None
+
+
+def read_frame(path: Path) -> pd.DataFrame:
+    """Return the table in a CSV file with a head.
+
+    Raises:
+        InputError: as `read_text`; also if it is no such table.
+        OSError: as `read_bytes`.
+    """
+    import pandas as pd
+
+    text = read_text(path, LONGEST_TABLE)
+    try:
+        return pd.read_csv(io.StringIO(text), skipinitialspace=True)
+    except ValueError as error:
+        raise InputError(f"{path} is damaged: {error}") from error
+
+
+def _no_number(word: str) -> float:
+    raise ValueError(f"{word} is no number")
+
+
+def _finite(text: str) -> float:
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError(f"the number {text[:20]} is too large")
+    return value
+
+
+def _whole(text: str) -> int:
+    if len(text) > _DIGITS + 1:
+        raise ValueError(f"the number {text[:20]}... has {len(text)} digits")
+    return int(text)
+
+
+def _table(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    table = dict(pairs)
+    if len(table) < len(pairs):
+        raise ValueError("a key occurs twice")
+    return table

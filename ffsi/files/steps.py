@@ -1,0 +1,90 @@
+"""The steps of a computation in time whose states were saved (`steps.csv`, docs/formats.md)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ffsi.files import folder
+from ffsi.files.errors import InputError
+from ffsi.files.history import lines_of, read_rows, rows_until
+
+_WINDKESSEL = ("windkessel_old", "windkessel_new")
+
+
+@dataclass(frozen=True)
+class SavedStep:
+    """A step whose states were written: one to be drawn, and to be checked.
+
+    Attributes:
+        step: its number, from 1.
+        time: at its end, s.
+        k: its length, s.
+        theta: weight of its end, dimensionless.
+        old: name of the file with the state at its start.
+        new: name of the file with the state at its end.
+        quantities: drag and lift at its end, N/m; none without a fluid.
+        windkessel: pressure of the outlet's compliance at its start and at its end, Pa; None without a Windkessel.
+        tolerance: of an ordinary step, which is only to be checked, `solver.step_tolerance`; 0 where the step was
+            solved to round-off.
+    """
+
+    step: int
+    time: float
+    k: float
+    theta: float
+    old: str
+    new: str
+    quantities: dict[str, float]
+    windkessel: tuple[float, float] | None = None
+    tolerance: float = 0.0
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the entry of `steps.json`."""
+        entry = {key: value for key, value in vars(self).items() if key not in ("windkessel", "tolerance")}
+        if self.tolerance != 0.0:
+            entry["tolerance"] = self.tolerance
+        return entry if self.windkessel is None else entry | dict(zip(_WINDKESSEL, self.windkessel, strict=True))
+
+
+def read_saved_steps(directory: Path) -> list[SavedStep]:
+    """Return the steps whose states were written, in time; none if there is no `steps.csv`.
+
+    Raises:
+        InputError: the file is damaged.
+    """
+    path = directory / folder.STEPS
+    if not path.is_file():
+        return []
+    table = read_rows(path)
+    found = []
+    for row in table.to_dict("records"):
+        try:
+            forces = {str(name): float(row[name]) for name in ("drag", "lift") if math.isfinite(float(row[name]))}
+            state = tuple(float(row[name]) for name in _WINDKESSEL if name in row)
+            found.append(
+                SavedStep(
+                    int(row["step"]), float(row["time"]), float(row["k"]), float(row["theta"]), str(row["old"]),
+                    str(row["new"]), forces, state if len(state) == 2 else None,
+                    float(row.get("tolerance", 0.0)),
+                )
+            )  # fmt: skip
+        except (KeyError, ValueError) as error:
+            raise InputError(f"{path} is damaged: {error}") from error
+    # Ordinary steps stand behind the others, and once more after a run that went on.
+    steps = sorted({step.step: step for step in found}.values(), key=lambda step: step.step)
+    return [step for step in steps if (directory / step.old).is_file() and (directory / step.new).is_file()]
+
+
+def write_steps_json(directory: Path) -> None:
+    """Turn `steps.csv` into `steps.json`, which the checker reads."""
+    entries = [step.as_dict() for step in read_saved_steps(directory)]
+    folder.write_text(directory / folder.STEPS_JSON, folder.to_json(entries))
+
+
+def states_until(directory: Path, step: int) -> list[str]:
+    """Return the names of the states that `steps.csv` lists up to a step, whether they are there or not."""
+    _, *rows = lines_of(directory / folder.STEPS) or [""]
+    return [name for row in rows_until(rows, step) for name in row.split(",")[4:6]]

@@ -1,0 +1,1 @@
+"""Solve scenes, chains of points and sweeps; go on with what was stopped."""

@@ -1,0 +1,95 @@
+"""From a scene to a Result: render, run FreeFEM, check, draw, write `result.json`; and go on with a run in time."""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from pathlib import Path
+
+from ffsi.files import folder
+from ffsi.files.errors import InputError
+from ffsi.freefem import FreeFEMError, find_freefem
+from ffsi.freefem.events import OnEvent
+from ffsi.hemodynamics.result import Result
+from ffsi.run.execute import execute, start
+from ffsi.run.point import Point, seconds
+from ffsi.run.resume import check_resumable
+from ffsi.scene import Scene
+
+
+def solve(
+    scene: Scene,
+    out: str | Path | None = None,
+    *,
+    check: bool = True,
+    on_event: OnEvent | None = None,
+    threads: int = 1,
+    resume: bool = False,
+    animate: str | None = None,
+) -> Result:
+    """Solve one scene and leave its run folder behind.
+
+    A scene in time with `time.stop = "periodic"` ends as soon as its motion is periodic. Quantities of such a scene are
+    mean, amplitude and frequency over the last period.
+
+    Args:
+        scene: what to solve.
+        out: the run folder; an earlier run in it is replaced. None: a temporary folder that lives as long as the
+            Result.
+        check: verify the solution with the independent checker; a mismatch makes the status `failed`.
+        on_event: called with every event that the script reports; in time also with `signal` (see `watch.Watch`).
+        threads: threads of the linear algebra.
+        resume: go on with the computation in time in `out`, which was killed or stopped, from its last checkpoint.
+        animate: `velocity`, `pressure` or `displacement`, of which the saved steps become a GIF.
+
+    Returns:
+        The Result; a scene that does not converge is a Result with status `failed`, not an exception.
+
+    Raises:
+        InputError: `out` cannot be used, or with `resume` holds nothing to go on with.
+        FreeFEMNotFound: no FreeFEM on this machine; nothing was written.
+        FreeFEMError: the process died or took longer than `solver.time_limit`; `result.json` says so.
+    """
+    begin = time.perf_counter()
+    if resume:
+        if out is None:
+            raise InputError("to resume a run its folder is needed")
+        check_resumable(Path(out))
+    installation = find_freefem()
+    temporary = tempfile.TemporaryDirectory(prefix=f"ffsi-{scene.name}-") if out is None else None
+    directory = Path(temporary.name if temporary else str(out))
+    point = Point(scene, directory, 1, {}, alone=True)
+    with folder.held(directory):
+        arguments = start(point, installation, resume)
+        died = None if arguments is None else execute(scene, directory, installation, arguments, on_event, threads)
+        data = point.judged(died, check)
+        point.draw(data)
+        if animate is not None:
+            point.animate(data, animate)
+        data["timings"]["total"] = seconds(time.perf_counter() - begin)
+        data = point.save(data)
+    if data["failure"] == "crash":
+        raise died or FreeFEMError("crash", data["reason"], log=directory / folder.LOG)
+    return Result(scene, directory, data, temporary)
+
+
+def resume(directory: str | Path, *, check: bool = True, on_event: OnEvent | None = None, threads: int = 1) -> Result:
+    """Go on with a computation in time that was killed or stopped, from its last checkpoint; without one, start over.
+
+    Args:
+        directory: its run folder.
+        check: verify the saved steps with the independent checker.
+        on_event: called with every event, as by `solve`.
+        threads: threads of the linear algebra.
+
+    Returns:
+        The Result, as of `solve`.
+
+    Raises:
+        InputError: no run folder, a finished run, one that is no computation in time, or one that is still running.
+        SceneError: its `scene.toml` cannot be read.
+        FreeFEMNotFound: no FreeFEM on this machine.
+        FreeFEMError: as `solve`.
+    """
+    scene = check_resumable(Path(directory))
+    return solve(scene, directory, check=check, on_event=on_event, threads=threads, resume=True)

@@ -1,0 +1,5 @@
+"""`bench`: error against seconds, what assembly costs beside a factorisation, and how far mesh motions carry."""
+
+from studies.bench.levels import main
+
+__all__ = ["main"]
