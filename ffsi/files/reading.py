@@ -38,10 +38,9 @@ def read_bytes(path: Path, at_most: int) -> bytes:
         status = os.fstat(handle)
         if not stat.S_ISREG(status.st_mode):
             raise InputError(f"{path} is {'a pipe' if stat.S_ISFIFO(status.st_mode) else 'a device'}, not a file")
-        data = file.read(at_most + 1) if status.st_size <= at_most else b""
-        if status.st_size > at_most or len(data) > at_most:
+        if status.st_size > at_most:
             raise InputError(f"{path} is too large: a file of at most {at_most} bytes is accepted")
-        return data
+        return file.read(status.st_size)  # not `at_most`: read() sets aside all that it is asked for
 
 
 def read_text(path: Path, at_most: int = 100 * MEGABYTE) -> str:

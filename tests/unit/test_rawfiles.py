@@ -1,6 +1,7 @@
 """Binary files: what is written is read back, and what is wrong is named."""
 
 import dataclasses
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -24,6 +25,18 @@ def state():
     return RawState(
         rng.normal(size=(mesh.n_p2, 2)), rng.normal(size=(mesh.n_p2, 2)), rng.normal(size=len(mesh.vertices))
     )
+
+
+def test_reading_sets_no_more_memory_aside_than_the_file_has_bytes(tmp_path):
+    """What is accepted at most is 20 GB: with a bound on the memory (ulimit -v) no run could be checked."""
+    path = tmp_path / "small.bin"
+    write_arrays(path, [np.arange(1000.0)])
+    tracemalloc.start()
+    try:
+        read_arrays(path, (float,))
+        assert tracemalloc.get_traced_memory()[1] < 1_000_000
+    finally:
+        tracemalloc.stop()
 
 
 def test_layout_is_length_then_values_little_endian(tmp_path):
