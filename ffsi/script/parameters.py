@@ -13,6 +13,7 @@ from ffsi.scene.units import Count, Quantity
 
 _POWERS = {"m": (1, 0, 0), "kg": (0, 1, 0), "s": (0, 0, 1), "Pa": (-1, 1, -2), "1": (0, 0, 0)}
 _POWER_LAW = "Pa s^m"
+_FASTEST = "1e4"  # the Reynolds number of what gravity or a pressure may drive, as a unit
 
 
 def powers(unit: str) -> tuple[int, int, int]:
@@ -140,6 +141,11 @@ def units_of(scene: Scene, parameters: Sequence[Parameter]) -> dict[str, Any]:
     ]  # fmt: skip
     if scene.gravity:
         drives.append("fluidDensity*sqrt(gravityX^2+gravityY^2)*size")
+    if drives and viscosities:
+        # Where it holds the flow at rest (a hydrostatic outlet) it says nothing of the velocity: sqrt(g L) in water is
+        # a Reynolds number of 1e6, whose inertia as a unit leaves nothing of the viscosity, all that rest has.
+        slow = f"fluidDensity*({_FASTEST}*{found['viscosity']}/(fluidDensity*size))^2"
+        drives = [f"min({' + '.join(drives)}, {slow})"]
     found["drives"] = drives
     rates = [p.variable for p in of_fluid if _unit(p) == "1/s"]
     if viscosities:

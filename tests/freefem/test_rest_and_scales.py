@@ -92,6 +92,25 @@ def test_a_fluid_at_rest_carries_the_cylinder(step):
     assert np.abs(rest.fields.velocity).max() < 1e-3 * math.sqrt(2 * 10 * 2.2)
 
 
+def test_water_at_rest_in_a_channel_of_metres_is_weighed_by_its_floor():
+    """The velocity of its fall, sqrt(g L), is a Reynolds number of 3e6: as a unit it made a singular matrix of rest."""
+    scene = {
+        "name": "basin",
+        "geometry": {"kind": "channel", "length": 3.0, "height": 1.0},
+        "mesh": {"level": 0},
+        "fluid": {"density": 1000.0, "viscosity": 1e-3},
+        "inflow": {"mean_velocity": 0.0},
+        "outlet": {"kind": "do-nothing", "hydrostatic": True},
+        "gravity": {"y": -9.81},
+        "output": QUIET,
+    }
+    result = solve(Scene.model_validate(scene))
+    assert result.converged, result.reason
+    assert result.quantities["lift"] == pytest.approx(-1000 * 9.81 * 3.0, rel=1e-9)
+    # Rounding of the pressure, 1e-16 of 1e4 Pa, moves it against a viscosity of 1e-3 Pa s.
+    assert np.abs(result.fields.velocity).max() < 1e-8
+
+
 @pytest.mark.parametrize("step", ["condensed", "newton"])
 @pytest.mark.parametrize("case", ["cylinder-2d2", "turek-csm3", "turek-fsi3"])
 def test_nothing_moves_where_nothing_drives(case, step):
