@@ -32,7 +32,6 @@ FAILED_STATE = "failed.bin"
 # Of a run in time.
 TIME_HISTORY = "history.csv"
 STEPS = "steps.csv"
-STEPS_JSON = "steps.json"
 STATES = "state-*.bin"
 CHECKPOINTS = ("checkpoint-a.bin", "checkpoint-b.bin")
 MANIFEST = "manifest.json"
@@ -62,7 +61,6 @@ _OURS = (
     FAILED,
     FAILED_STATE,
     *IN_TIME,
-    STEPS_JSON,
     STOP,
     SERIES,
     LOGS,

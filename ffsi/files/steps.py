@@ -5,13 +5,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from ffsi.files import folder
 from ffsi.files.errors import InputError
 from ffsi.files.history import lines_of, read_rows, rows_until
 
-_WINDKESSEL = ("windkessel_old", "windkessel_new")
+WINDKESSEL = ("windkessel_old", "windkessel_new")
 
 
 @dataclass(frozen=True)
@@ -41,47 +40,38 @@ class SavedStep:
     windkessel: tuple[float, float] | None = None
     tolerance: float = 0.0
 
-    def as_dict(self) -> dict[str, Any]:
-        """Return the entry of `steps.json`."""
-        entry = {key: value for key, value in vars(self).items() if key not in ("windkessel", "tolerance")}
-        if self.tolerance != 0.0:
-            entry["tolerance"] = self.tolerance
-        return entry if self.windkessel is None else entry | dict(zip(_WINDKESSEL, self.windkessel, strict=True))
+
+def read_steps(directory: Path) -> list[SavedStep]:
+    """Return the steps that `steps.csv` lists, in time.
+
+    Raises:
+        InputError: the file is missing or damaged.
+    """
+    path = directory / folder.STEPS
+    found = {}
+    for row in read_rows(path).to_dict("records"):
+        try:
+            forces = {str(name): float(row[name]) for name in ("drag", "lift") if math.isfinite(float(row[name]))}
+            state = tuple(float(row[name]) for name in WINDKESSEL if name in row)
+            step = SavedStep(
+                int(row["step"]), float(row["time"]), float(row["k"]), float(row["theta"]), str(row["old"]),
+                str(row["new"]), forces, state if len(state) == 2 else None,
+                float(row.get("tolerance", 0.0)),
+            )  # fmt: skip
+        except (KeyError, ValueError) as error:
+            raise InputError(f"{path} is damaged: {error}") from error
+        found[step.step] = step  # once more after a run that went on
+    return sorted(found.values(), key=lambda step: step.step)  # ordinary steps stand behind the others
 
 
 def read_saved_steps(directory: Path) -> list[SavedStep]:
-    """Return the steps whose states were written, in time; none if there is no `steps.csv`.
+    """Return the steps that `steps.csv` lists and whose states are there, in time; none if there is no such file.
 
     Raises:
         InputError: the file is damaged.
     """
-    path = directory / folder.STEPS
-    if not path.is_file():
-        return []
-    table = read_rows(path)
-    found = []
-    for row in table.to_dict("records"):
-        try:
-            forces = {str(name): float(row[name]) for name in ("drag", "lift") if math.isfinite(float(row[name]))}
-            state = tuple(float(row[name]) for name in _WINDKESSEL if name in row)
-            found.append(
-                SavedStep(
-                    int(row["step"]), float(row["time"]), float(row["k"]), float(row["theta"]), str(row["old"]),
-                    str(row["new"]), forces, state if len(state) == 2 else None,
-                    float(row.get("tolerance", 0.0)),
-                )
-            )  # fmt: skip
-        except (KeyError, ValueError) as error:
-            raise InputError(f"{path} is damaged: {error}") from error
-    # Ordinary steps stand behind the others, and once more after a run that went on.
-    steps = sorted({step.step: step for step in found}.values(), key=lambda step: step.step)
+    steps = read_steps(directory) if (directory / folder.STEPS).is_file() else []
     return [step for step in steps if (directory / step.old).is_file() and (directory / step.new).is_file()]
-
-
-def write_steps_json(directory: Path) -> None:
-    """Turn `steps.csv` into `steps.json`, which the checker reads."""
-    entries = [step.as_dict() for step in read_saved_steps(directory)]
-    folder.write_text(directory / folder.STEPS_JSON, folder.to_json(entries))
 
 
 def states_until(directory: Path, step: int) -> list[str]:

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from ffsi.files.arrays import Floats, Ints, RawMesh, RawState, read_mesh, read_state
-from ffsi.files.reading import read_json
-from ffsi.files.shapes import read_table, refuse_other_types
+from ffsi.files.shapes import read_table
+from ffsi.files.steps import WINDKESSEL, read_steps
 from ffsi.reference.forces import Forces, compute_forces
 from ffsi.reference.from_scene import problem_from_scene, refuse_other_parameters, refuse_other_step, theta_of
 from ffsi.reference.history import History
@@ -28,7 +28,7 @@ from ffsi.scene import Scene
 TOLERANCE = 1e-8
 Shown = Callable[[Scene, RawMesh, RawState], tuple[Ints, Floats]]
 """What is shown to people of the stress on the walls: nodes in the middle of their edges, and (n, 2) Pa there."""
-STEPS = "steps.json"
+STEPS = "steps.csv"
 HISTORY = "history.csv"
 POINT = "point-0001.bin"
 CYCLES = "wall-*.bin"
@@ -37,7 +37,6 @@ _SAME = 1e-9
 # Residuals of an ordinary step that say nothing: large, where a solid is stiff. The others are linear, and exact.
 _INEXACT = {"momentum", "continuity", "incompressibility"}
 AT_OUTLET = ("flow_rate_out", "outlet_pressure")
-WINDKESSEL = ("windkessel_old", "windkessel_new")
 # What a history must have of what is known of a state.
 IN_HISTORY = {"drag", "lift", "tip_ux", "tip_uy", "min_jacobian", "kinetic", "elastic", "dissipated"}
 _FORCES = {"drag", "lift", "drag_coefficient", "lift_coefficient"}
@@ -127,10 +126,9 @@ def check_run(
 ) -> CheckReport:
     """Check one point of a run folder, or all its checked time steps, against the scene that it was run with.
 
-    The scene must carry the values that the run really used. A scene in time has ``steps.json`` beside its only point:
-    a list of ``{"step", "time", "k", "theta", "old", "new", "quantities"}`` where old and new name files in the format
-    of a point's state; an ordinary step, which was not solved to round-off, has its ``tolerance``, and with a
-    Windkessel each entry has ``windkessel_old``, ``windkessel_new``. ``history.csv`` has a row for every step, where
+    The scene must carry the values that the run really used. A scene in time has ``steps.csv`` beside its only point,
+    which lists the steps to be checked with the files of both their states; an ordinary step, which was not solved to
+    round-off, has its ``tolerance``. ``history.csv`` has a row for every step, where
     the outlet has a pressure with it and the flow rate out; ``wall-*.bin`` are sums over cycles. Every quantity of the
     point's JSON, and in time of the rows of the checked steps, is recomputed, and the wall shear stress of a state
     compared with that which is ``shown`` to people. Raises ``ValueError`` where the parameters in the point's JSON, or
@@ -206,11 +204,9 @@ def _examine_steps(
     directory: Path, scene: Scene, mesh: RawMesh, last: Mapping[str, Any], shown: Shown | None
 ) -> list[_Findings]:
     """Examine every step that the run folder lists; ``last`` are the quantities reported of the last one."""
-    listed = read_json(directory / STEPS, finite=False)
-    entries = [_read_entry(directory, entry) for entry in listed] if isinstance(listed, list) else []
+    entries = read_steps(directory)
     if not entries:
         raise ValueError(f"{directory / STEPS}: no step is listed")
-    entries.sort(key=lambda entry: entry.number)
     system = System.build(problem_from_scene(scene), mesh)
     history = History.read(directory / HISTORY)
     outlet = system.problem.outlet
@@ -220,13 +216,16 @@ def _examine_steps(
     cycles = [WallCycle.read(path) for path in sorted(directory.glob(CYCLES))]
     found, passages, corrector = [], [], Corrector()
     for entry in entries:
-        step, number = entry.step, entry.number
+        step, number = Step(entry.k, entry.theta, entry.time), entry.step
         refuse_other_step(scene, step, number)
         history.refuse_other(number, step)
-        row, before, after = history.quantities(number), read_state(entry.old, mesh), read_state(entry.new, mesh)
+        row, before = history.quantities(number), read_state(directory / entry.old, mesh)
+        after = read_state(directory / entry.new, mesh)
         stepping = system.stepping(before, step, stored[number - 1])
         place, later = f" in step {number} at {step.time:g} s", last if entry is entries[-1] else None
-        found.append(_examine(stepping, after, entry.reported(row), place, later=later))
+        reported = entry.quantities | {name: row[name] for name in AT_OUTLET if name in row}
+        reported |= dict(zip(WINDKESSEL, entry.windkessel or (), strict=False))
+        found.append(_examine(stepping, after, reported, place, later=later))
         accepted = scene.solver.step_tolerance or 0.0
         if not 0.0 <= entry.tolerance <= accepted * (1.0 + _SAME):
             text = f"step {number} was solved to {entry.tolerance!r}, solver.step_tolerance is {accepted!r}"
@@ -249,8 +248,8 @@ def _examine_steps(
     if number != len(history):
         raise ValueError(f"{history.path}: {len(history)} rows, but the last step is {number}")
     if not _same(after, read_state(directory / POINT, mesh)):
-        raise ValueError(f"{directory / POINT}: not the state at the end of the last step, {entry.new.name}")
-    found[-1].compare(last, found[-1].quantities, found[-1].quantities.keys() - WINDKESSEL)
+        raise ValueError(f"{directory / POINT}: not the state at the end of the last step, {entry.new}")
+    found[-1].compare(last, found[-1].quantities, found[-1].quantities.keys() - set(WINDKESSEL))
     for cycle in cycles:
         difference = largest([cycle.difference(passages), found[-1].numbers.get("wall_difference", 0.0)])
         found[-1].numbers["wall_difference"] = difference
@@ -261,39 +260,6 @@ def _same(one: RawState, other: RawState) -> bool:
     """Whether two states are the same to the last digit."""
     pairs = ((one.u, other.u), (one.v, other.v), (one.p, other.p), (one.ps, other.ps))
     return all(np.array_equal(*pair) for pair in pairs)
-
-
-@dataclass(frozen=True)
-class _Entry:
-    """An entry of ``steps.json``: the step, its number, files of both its ends, its tolerance, and what it reports."""
-
-    number: int
-    step: Step
-    old: Path
-    new: Path
-    tolerance: float
-    quantities: dict[str, Any]
-
-    def reported(self, row: Mapping[str, float]) -> dict[str, Any]:
-        """What is reported of the step, with what the history's row says of the outlet."""
-        return self.quantities | {name: row[name] for name in AT_OUTLET if name in row}
-
-
-def _read_entry(directory: Path, entry: Mapping[str, Any]) -> _Entry:
-    refuse_other_types(directory / STEPS, entry)
-    try:
-        if missing := {"step", "time", "k", "theta", "old", "new"} - entry.keys():
-            raise ValueError(f"an entry without {', '.join(sorted(missing))}")
-        return _Entry(
-            int(entry["step"]),
-            Step(float(entry["k"]), float(entry["theta"]), float(entry["time"])),
-            directory / entry["old"],
-            directory / entry["new"],
-            float(entry.get("tolerance", 0.0)),
-            dict(entry.get("quantities", {})) | {name: entry[name] for name in WINDKESSEL if name in entry},
-        )
-    except (ValueError, TypeError, AttributeError) as error:
-        raise ValueError(f"{directory / STEPS}: {error}") from error
 
 
 def _report(found: Sequence[_Findings], tolerance: float) -> CheckReport:

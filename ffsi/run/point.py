@@ -13,7 +13,6 @@ from typing import Any
 from ffsi.files import folder, machine, seals
 from ffsi.files.errors import InputError
 from ffsi.files.shapes import read_table
-from ffsi.files.steps import write_steps_json
 from ffsi.freefem import FreeFEMError
 from ffsi.hemodynamics.result import Result
 from ffsi.result import in_time, resolution, vtu
@@ -96,8 +95,6 @@ class Point:
 
     def judged(self, died: FreeFEMError | None, check: bool) -> dict[str, Any]:
         """Collect the point and, if asked for, check it."""
-        if self.scene.time is not None:
-            write_steps_json(self.directory)
         data = self.collect(died)
         if check:
             self.check(data)
@@ -178,7 +175,7 @@ class Point:
         """Write the result file, which seals all files that are read later; return its content."""
         if not self.alone:
             data["timings"]["total"] = self._chainseconds(data["timings"])
-        names = (*folder.BELIEVED, folder.STEPS_JSON, folder.MANIFEST, *folder.point_files(self.number))
+        names = (*folder.BELIEVED, folder.MANIFEST, *folder.point_files(self.number))
         files = seals.seal_all(self.directory, names)
         if folder.HISTORY in files and self.followed:  # the script goes on writing there
             files[folder.HISTORY]["grows"] = True

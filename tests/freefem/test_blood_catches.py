@@ -3,7 +3,6 @@
 import pytest
 from conftest import scene_of
 
-from ffsi.files.steps import write_steps_json
 from ffsi.freefem import FreeFEMError
 from ffsi.reference import check_run
 from ffsi.scene import Scene
@@ -101,8 +100,6 @@ MUTATIONS = {
 
 
 def passes(folder, scene: Scene) -> bool:
-    if scene.time is not None:
-        write_steps_json(folder)
     return check_run(folder, scene).passed
 
 

@@ -1,6 +1,5 @@
 """Real runs in time: killed and resumed, stopped, outputs at their times, and the files for the checker."""
 
-import json
 import os
 import signal
 import subprocess
@@ -16,6 +15,7 @@ from conftest import PLAIN
 import ffsi
 from ffsi.files import folder
 from ffsi.files.manifest import Recorder
+from ffsi.files.steps import read_steps
 from ffsi.freefem import Event
 from ffsi.hemodynamics.result import Result, load_result
 from ffsi.reference import check_run
@@ -99,16 +99,16 @@ def test_a_whole_run_is_checked_and_its_history_is_complete(whole):
 def test_outputs_are_at_their_times_and_at_the_end(whole):
     times = [step.time for step in whole.saved_steps]
     assert times == pytest.approx([0.07, 0.14, 0.21, 0.28, 0.3], abs=1e-14)
-    listed = json.loads((whole.directory / "steps.json").read_text())
-    ordinary = [entry for entry in listed if "tolerance" in entry]
-    assert len(ordinary) >= 8 and {entry["tolerance"] for entry in ordinary} == {whole.scene.solver.step_tolerance}
-    entries = [entry for entry in listed if "tolerance" not in entry]
+    listed = read_steps(whole.directory)
+    ordinary = [entry for entry in listed if entry.tolerance]
+    assert len(ordinary) >= 8 and {entry.tolerance for entry in ordinary} == {whole.scene.solver.step_tolerance}
+    entries = [entry for entry in listed if not entry.tolerance]
     for entry, row in zip(entries, whole.saved_steps, strict=True):
-        at = whole.history.iloc[entry["step"] - 1]
+        at = whole.history.iloc[entry.step - 1]
         assert (at["time"], at["step"]) == pytest.approx((row.time, row.k), rel=1e-12)
-        assert at["drag"] == pytest.approx(entry["quantities"]["drag"], rel=1e-12)
+        assert at["drag"] == pytest.approx(entry.quantities["drag"], rel=1e-12)
         assert whole.scene.time is not None
-        assert entry["theta"] == pytest.approx(whole.scene.time.theta_of(entry["k"]), rel=1e-12)
+        assert entry.theta == pytest.approx(whole.scene.time.theta_of(entry.k), rel=1e-12)
     assert {f"{row.new}" for row in whole.saved_steps} <= {path.name for path in whole.directory.iterdir()}
 
 

@@ -66,7 +66,7 @@ STEADY = [
     *("point-0001.bin", "point-0001.json"),
 ]
 IN_TIME = [
-    *("history.csv", "steps.csv", "steps.json", "state-000019.bin", "state-000040.bin", "checkpoint-a.bin"),
+    *("history.csv", "steps.csv", "state-000019.bin", "state-000040.bin", "checkpoint-a.bin"),
     *("checkpoint-b.bin", "manifest.json", "newton.csv", "result.json", "point-0001.json", "stop"),
 ]
 SWEEP = [

@@ -116,12 +116,12 @@ def test_state_that_is_no_number_or_turned_inside_out_is_infinitely_wrong(ordina
 @pytest.mark.parametrize("tolerance", [2e-6, -1e-6, math.nan, "loose", None])
 def test_tolerance_that_the_scene_does_not_have_is_refused(ordinary, tolerance):
     check, _, state = ordinary
-    with pytest.raises(ValueError, match=r"steps\.json|step 2 was solved to 2e-06, solver\.step_tolerance is 1e-06"):
+    with pytest.raises(ValueError, match=r"steps\.csv|step 2 was solved to 2e-06, solver\.step_tolerance is 1e-06"):
         check(state, tolerance=tolerance)
 
 
 def test_last_step_must_be_solved_to_round_off(run):  # noqa: F811
     directory, scene, entries = run
     rewrite(directory, [entries[0], entries[1] | {"tolerance": TOLERANCE}])
-    with pytest.raises(ValueError, match=r"steps\.json: the last step, 4, was not solved to round-off"):
+    with pytest.raises(ValueError, match=r"steps\.csv: the last step, 4, was not solved to round-off"):
         check_run(directory, scene)

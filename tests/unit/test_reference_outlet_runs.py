@@ -6,6 +6,7 @@ import math
 import pytest
 from test_reference_check import failing, scene_mesh
 from test_reference_step import history_row, quantities_of, rest, write_history
+from test_reference_step_runs import rewrite
 
 from ffsi.files.arrays import write_mesh, write_state
 from ffsi.reference.check import check_run
@@ -74,7 +75,7 @@ def run(tmp_path, solved):
         write_state(tmp_path / "new.bin", states[-1])
         write_state(tmp_path / "point-0001.bin", states[-1])
         (tmp_path / "point-0001.json").write_text(json.dumps({"quantities": last}))
-        (tmp_path / "steps.json").write_text(json.dumps([entry | dict(entry_changes)]))
+        rewrite(tmp_path, [entry | dict(entry_changes)])
         rows = [dict(line) for line in history]
         rows[row] |= dict(history_changes)
         write_history(tmp_path, rows)

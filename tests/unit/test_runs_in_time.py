@@ -12,6 +12,7 @@ import ffsi
 from ffsi.files import folder
 from ffsi.files.errors import InputError
 from ffsi.files.history import read_history
+from ffsi.files.steps import SavedStep, read_steps
 from ffsi.freefem import Event, FreeFEMError
 from ffsi.hemodynamics.result import load_result
 from ffsi.result import in_time, oscillation
@@ -66,12 +67,10 @@ def test_without_a_full_period_there_are_no_numbers_but_those_of_the_last_state(
 
 def test_the_steps_are_listed_for_the_checker_and_drawn(tmp_path, in_time):
     result = solve.solve(scene_in_time("output.vtu=true"), tmp_path / "run")
-    entries = json.loads((tmp_path / "run" / "steps.json").read_text())
-    assert [entry["step"] for entry in entries] == [10, 20, 30, 40]
-    assert entries[1] == {
-        "step": 20, "time": 1.0, "k": 0.05, "theta": 0.55, "old": "state-000019.bin", "new": "state-000020.bin",
-        "quantities": {"drag": signals(1.0)["drag"], "lift": signals(1.0)["lift"]},
-    }  # fmt: skip
+    entries = read_steps(tmp_path / "run")
+    assert [entry.step for entry in entries] == [10, 20, 30, 40]
+    forces = {"drag": signals(1.0)["drag"], "lift": signals(1.0)["lift"]}
+    assert entries[1] == SavedStep(20, 1.0, 0.05, 0.55, "state-000019.bin", "state-000020.bin", forces)
     names = {"fields-000010.vtu", "fields-000020.vtu", "fields-000030.vtu", "fields-000040.vtu", "fields.pvd"}
     assert {name for name in files(tmp_path / "run") if name.startswith("fields")} == names
     assert [step.time for step in result.saved_steps] == [0.5, 1.0, 1.5, 2.0]
@@ -236,7 +235,7 @@ def test_a_killed_run_goes_on_from_its_last_checkpoint_and_comes_to_the_same(die
     result = ffsi.resume(died)
     assert result.converged
     whole = solve.solve(scene_in_time(), tmp_path / "whole")
-    for name in ("history.csv", "newton.csv", "steps.csv", "steps.json"):
+    for name in ("history.csv", "newton.csv", "steps.csv"):
         assert (died / name).read_text() == (tmp_path / "whole" / name).read_text()
     assert result.quantities == whole.quantities
     # A step that ends at a checkpoint's time dies before the checkpoint is written.
