@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
+from importlib import import_module
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -11,7 +13,6 @@ import typer
 from ffsi.cli.exit_codes import TEXT, worst
 from ffsi.cli.main import main as run
 from ffsi.files.errors import InputError
-from ffsi.scene import load_scene
 
 app = typer.Typer(
     name="studies",
@@ -39,18 +40,24 @@ Runs = Annotated[
         show_default="in runs/",
     ),
 ]
-VERIFY_OPTIONS = {
-    "": ("levels", "out", "readme"),
-    "--unsteady": ("jobs", "runs", "out", "readme"),
-    "--long": ("jobs", "runs", "out", "readme"),
-    "--blood": ("jobs", "runs", "out", "readme"),
-    "--hard": ("jobs", "runs", "out", "only"),
+Kinds = Mapping[str, tuple[str, tuple[str, ...]]]
+"""By the flag of a command's kind: the module that does it, and which options it has."""
+VERIFY: Kinds = {
+    "": ("verification.command", ("levels", "out", "readme")),
+    "--unsteady": ("verification.periodic", ("jobs", "runs", "out", "readme")),
+    "--long": ("verification.long", ("jobs", "runs", "out", "readme")),
+    "--blood": ("verification.blood", ("jobs", "runs", "out", "readme")),
+    "--hard": ("verification.hard", ("jobs", "runs", "out", "only")),
 }
-BENCH_OPTIONS = {
-    "": ("case", "levels", "repeat"),
-    "--scenes": ("repeat",),
-    "--mesh-motion": ("level",),
-    "--unsteady": ("repeat", "runs"),
+BENCH: Kinds = {
+    "": ("bench.levels", ("case", "levels", "repeat", "out", "readme")),
+    "--scenes": ("bench.scenes", ("repeat", "out", "readme")),
+    "--mesh-motion": ("bench.mesh_motion", ("level", "out", "readme")),
+    "--unsteady": ("bench.unsteady", ("repeat", "runs", "out", "readme")),
+}
+PAPER: Kinds = {
+    "": ("paper.study", ("cases", "level", "jobs", "out", "runs")),
+    "--aneurysm": ("paper.aneurysm", ("level", "out", "runs")),
 }
 
 
@@ -96,28 +103,9 @@ def verify(
     Exit codes: 0 all runs solved and checked, else as `ffsi run`; errors against published values do not count. With
     --hard 0 if all is as expected; 1 also if a number or a cause is wrong.
     """
-    kind = _kind({"--unsteady": unsteady, "--long": long, "--blood": blood, "--hard": hard})
-    given = {"levels": levels, "jobs": jobs, "runs": runs, "out": out, "readme": readme, "only": only}
-    options = _options("verify", kind, VERIFY_OPTIONS, given)
-    if unsteady:
-        from studies.verification.periodic import main as verify_periodic
-
-        raise typer.Exit(worst(verify_periodic(**options)))
-    if long:
-        from studies.verification.long import main as verify_long
-
-        raise typer.Exit(worst(verify_long(**options)))
-    if blood:
-        from studies.verification.blood import main as verify_blood
-
-        raise typer.Exit(worst(verify_blood(**options)))
-    if hard:
-        from studies.verification.hard import main as verify_hard
-
-        raise typer.Exit(worst(verify_hard(**options)))
-    from studies.verification import main as verify_all
-
-    raise typer.Exit(worst(verify_all(_levels(levels) if levels is not None else None, out, readme)))
+    flags = {"--unsteady": unsteady, "--long": long, "--blood": blood, "--hard": hard}
+    given = {"jobs": jobs, "runs": runs, "out": out, "readme": readme, "only": only}
+    _do("verify", VERIFY, flags, given | {"levels": None if levels is None else partial(_levels, levels)})
 
 
 @app.command()
@@ -154,27 +142,9 @@ def bench(
 
     Exit codes: as `ffsi run`, but where a mesh motion ends is a result: 3 only if no mesh motion solved any point.
     """
-    kind = _kind({"--scenes": scenes, "--mesh-motion": mesh_motion, "--unsteady": unsteady})
-    given = {"case": case, "levels": levels, "level": level, "repeat": repeat, "runs": runs}
-    options = _options("bench", kind, BENCH_OPTIONS, given)
-    options |= {name: value for name, value in {"out": out, "readme": readme}.items() if value is not None}
-    if scenes:
-        from studies.bench.scenes import main as measure_scenes
-
-        raise typer.Exit(worst(measure_scenes(**options)))
-    if mesh_motion:
-        from studies.bench.mesh_motion import main as measure_motions
-
-        raise typer.Exit(worst(measure_motions(**options)))
-    if unsteady:
-        from studies.bench.unsteady import main as measure_steps
-
-        raise typer.Exit(worst(measure_steps(**options)))
-    from studies.bench import main as measure
-
-    name = options.pop("case", "turek-fsi1")
-    load_scene(name, [])
-    raise typer.Exit(worst(measure(_levels(options.pop("levels", "0,1,2,3,4")), name, **options)))
+    flags = {"--scenes": scenes, "--mesh-motion": mesh_motion, "--unsteady": unsteady}
+    given = {"case": case, "level": level, "repeat": repeat, "runs": runs, "out": out, "readme": readme}
+    _do("bench", BENCH, flags, given | {"levels": None if levels is None else partial(_levels, levels)})
 
 
 @app.command()
@@ -199,41 +169,26 @@ def paper(
 
     Exit codes: as `ffsi run`, but where a sweep ends is a result: 3 only if a sweep has solved no point.
     """
-    if aneurysm:
-        _options("paper", "--aneurysm", {"--aneurysm": ()}, {"cases": cases, "jobs": jobs})
-        from studies.paper.aneurysm import main as reproduce_aneurysm
-
-        raise typer.Exit(worst(reproduce_aneurysm(level=level, out=out, runs=runs)))
-    from studies.paper import main as reproduce
-
-    numbers = _numbers("--cases", cases) if cases is not None else None
-    raise typer.Exit(worst(reproduce(numbers, level=level, jobs=jobs or 1, out=out, runs=runs)))
+    given = {"jobs": jobs, "level": level, "out": out, "runs": runs}
+    numbers = None if cases is None else partial(_numbers, "--cases", cases)
+    _do("paper", PAPER, {"--aneurysm": aneurysm}, given | {"cases": numbers})
 
 
-def _kind(flags: Mapping[str, bool]) -> str:
-    """Return the flag that was given, empty if none was.
+def _do(command: str, kinds: Kinds, flags: Mapping[str, bool], given: Mapping[str, Any]) -> None:
+    """Do the kind of a study whose flag was given, with the options that were given; a text is read after both.
 
     Raises:
-        InputError: several were.
+        InputError: several flags, or an option that this kind does not have.
     """
-    given = [name for name, value in flags.items() if value]
-    if len(given) > 1:
-        raise InputError(f"give either {given[0]} or {given[1]}, not both")
-    return given[0] if given else ""
-
-
-def _options(
-    command: str, kind: str, accepted: Mapping[str, tuple[str, ...]], given: Mapping[str, Any]
-) -> dict[str, Any]:
-    """Return the options that were given.
-
-    Raises:
-        InputError: one that this kind of the command does not have.
-    """
-    there = {name: value for name, value in given.items() if value is not None}
-    if wrong := [name for name in there if name not in accepted[kind]]:
+    kind, *more = [name for name, value in flags.items() if value] or [""]
+    if more:
+        raise InputError(f"give either {kind} or {more[0]}, not both")
+    module, accepted = kinds[kind]
+    options = {name: value for name, value in given.items() if value is not None}
+    if wrong := [name for name in options if name not in accepted]:
         raise InputError(f"{f'python -m studies {command} {kind}'.strip()} has no option --{wrong[0]}")
-    return there
+    values = {name: value() if isinstance(value, partial) else value for name, value in options.items()}
+    raise typer.Exit(worst(import_module(f"studies.{module}").main(**values)))
 
 
 def _levels(text: str) -> list[int]:

@@ -1,5 +1,1 @@
 """`bench`: error against seconds, what assembly costs beside a factorisation, and how far mesh motions carry."""
-
-from studies.bench.levels import main
-
-__all__ = ["main"]

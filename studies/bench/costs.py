@@ -8,12 +8,11 @@ from typing import Any
 
 import pandas as pd
 
-from ffsi.cli import show
-from ffsi.freefem import FreeFEMError, FreeFEMNotFound
 from ffsi.hemodynamics.result import Result
-from ffsi.run.solve import solve
 from ffsi.scene import load_scene
-from studies.verification import Measurement, number
+from studies.harness import solved
+from studies.tables import number
+from studies.verification import Measurement
 
 SOLVER = ("residual", "jacobian", "factorize", "solve")
 WORDS = {"jacobian": "Jacobian", "factorize": "factorise"}  # phases that are called otherwise in tables
@@ -93,22 +92,12 @@ def run(case: str, settings: Sequence[str] = ()) -> Measurement:
         FreeFEMNotFound: no FreeFEM on this machine.
     """
     scene = load_scene(case, [*settings, "output.pictures=false"])
-    name = " ".join([case, *settings])
-    level = scene.mesh.level
-    try:
-        with show.progress(name) as on_event:
-            result = solve(scene, on_event=on_event, threads=1)
-    except FreeFEMNotFound:
-        raise
-    except FreeFEMError as error:
-        data: dict[str, Any] = {"case": case, "status": "failed", "failure": "crash", "reason": str(error)}
-    else:
-        data = dict(result.data)
-        if result.solved:
-            data["timings"] = {**data["timings"], COARSER: coarser_seconds(result)}
-    if data.get("failure"):
-        show.error(f"{name}: {data['reason']}")
-    return Measurement(case, level, {**data, "level": level})
+    data = solved(
+        scene,
+        " ".join([case, *settings]),
+        lambda result: {"timings": {**result.data["timings"], COARSER: coarser_seconds(result)}},
+    )
+    return Measurement(case, scene.mesh.level, data)
 
 
 def coarser_seconds(result: Result) -> float:

@@ -11,26 +11,20 @@ import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from ffsi.cli import show
-from ffsi.files import folder
 from ffsi.files.errors import InputError
 from ffsi.report.curves import LINES, MARKERS
 from ffsi.result.pictures import FAINT, INK, to_png
 from ffsi.scene import load_scene
 from studies.bench.costs import RATIOS, cost_row, marked
+from studies.harness import Study
 from studies.verification import (
     COLUMNS,
     Measurement,
     ReferenceSet,
     TextTable,
-    command_line,
-    links,
     measure,
     number,
-    origin,
     percent,
-    prepare,
-    publish,
     reference_sets,
 )
 
@@ -134,8 +128,11 @@ def draw(rows: Sequence[Mapping[str, Any]], case: str) -> Figure:
     return figure
 
 
+USUAL = (0, 1, 2, 3, 4)
+
+
 def main(
-    levels: Sequence[int],
+    levels: Sequence[int] = USUAL,
     case: str = "turek-fsi1",
     *,
     repeat: int = 1,
@@ -148,21 +145,13 @@ def main(
         levels: mesh levels.
         case: name of a catalogue case.
         repeat: runs per level; seconds and ratios are the medians.
-        out: folder for `bench-CASE.csv` and `bench-CASE.png`.
-        readme: file whose block `bench` is replaced, unless a run failed.
-
-    Returns:
-        The failures of all runs, as `Result.failure`; empty strings where all is well.
-
-    Raises:
-        InputError: `repeat` is below 1, or `out` or `readme` cannot be used; nothing was computed.
-        SceneError: there is no such case.
-        FreeFEMNotFound: no FreeFEM on this machine.
     """
     load_scene(case, [])
     if repeat < 1:
         raise InputError(f"--repeat: at least one run, not {repeat}")
-    prepare(out, readme, "bench")
+    options = f" --levels {','.join(map(str, levels))}" if tuple(levels) != USUAL else ""
+    options += (f" --case {case}" if case != "turek-fsi1" else "") + (f" --repeat {repeat}" if repeat > 1 else "")
+    study = Study(f"bench{options}", out, readme, ["bench"])
     runs = [[measure(case, level) for _ in range(repeat)] for level in levels]
     rows = [to_row(group) for group in runs]
     tables = [level_table(rows, case)]
@@ -170,23 +159,8 @@ def main(
     tables.append(ratio_table(rows))
     for table in tables:
         table.print()
-    if out is not None:
-        _write(out, rows, case)
+    csv, picture = f"bench-{case}.csv", f"bench-{case}.png"
+    study.write({csv: lambda: pd.DataFrame(rows), picture: lambda: to_png(draw(rows, case))})
     every = [run for group in runs for run in group]
-    failures = [run.failure for run in every]
-    options = (f" --case {case}" if case != "turek-fsi1" else "") + (f" --repeat {repeat}" if repeat > 1 else "")
-    written = origin(command_line("bench", None if list(levels) == [0, 1, 2, 3, 4] else levels) + options, every)
-    picture = links("Error over seconds", [f"{_stem(case)}.png"], out, readme)
-    publish(readme, failures, {"bench": f"{tables[-1].markdown()}\n\n{written} {BOUNDS}{picture}"})
-    return failures
-
-
-def _stem(case: str) -> str:
-    return f"bench-{case}"
-
-
-def _write(out: Path, rows: Sequence[Mapping[str, Any]], case: str) -> None:
-    table, picture = out / f"{_stem(case)}.csv", out / f"{_stem(case)}.png"
-    folder.write_text(table, pd.DataFrame(rows).to_csv(index=False, float_format="%.8g"))
-    picture.write_bytes(to_png(draw(rows, case)))
-    show.note(f"wrote {table} and {picture}")
+    more = f"{study.written(every)} {BOUNDS}{study.links('Error over seconds', [picture])}"
+    return study.publish([run.failure for run in every], {"bench": f"{tables[-1].markdown()}\n\n{more}"})

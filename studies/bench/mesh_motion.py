@@ -12,13 +12,13 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from ffsi.cli import show
-from ffsi.files import folder
 from ffsi.freefem.events import OnEvent
 from ffsi.report.curves import FAILURE, LABELS, LINES
 from ffsi.result.pictures import FAINT, INK, to_small_png
 from ffsi.run.chain import run_chain
 from ffsi.scene import load_scene
-from studies.verification import NOTHING, Measurement, TextTable, links, number, origin, prepare, publish
+from studies.harness import Study
+from studies.verification import NOTHING, Measurement, TextTable, number
 
 BLOCK = "mesh-motion"
 CSV, MARKDOWN, PICTURE = "mesh-motion.csv", "mesh-motion.md", "mesh-motion.png"
@@ -297,19 +297,12 @@ def main(*, level: int = LEVEL, out: Path | None = None, readme: Path | None = N
 
     Args:
         level: mesh level.
-        out: folder for `mesh-motion.csv`, `mesh-motion.md` and `mesh-motion.png`.
-        readme: file whose block `mesh-motion` is replaced, unless a check failed or a process died.
 
     Returns:
         The failures, as `Result.failure`: failed checks and crashes. Where a sweep ends is a finding and no failure,
         unless no mesh motion solved any point of it.
-
-    Raises:
-        InputError: `out` or `readme` cannot be used; nothing was computed.
-        SceneError: the level is not valid.
-        FreeFEMNotFound: no FreeFEM on this machine.
     """
-    prepare(out, readme, BLOCK)
+    study = Study("bench --mesh-motion" + (f" --level {level}" if level != LEVEL else ""), out, readme, [BLOCK])
     tracks = []
     for sweep in SWEEPS:
         for motion in MOTIONS:
@@ -318,19 +311,15 @@ def main(*, level: int = LEVEL, out: Path | None = None, readme: Path | None = N
     table(tracks).print()
     for line in ends(tracks):
         show.note(line)
-    written = origin(
-        "python -m studies bench --mesh-motion" + (f" --level {level}" if level != LEVEL else ""), _measurements(tracks)
-    )
-    if out is not None:
-        folder.write_text(out / CSV, frame(tracks).to_csv(index=False, float_format="%.6g"))
-        folder.write_text(out / MARKDOWN, document(tracks, written))
-        (out / PICTURE).write_bytes(to_small_png(draw(tracks)))
-        show.note(f"wrote {out / CSV}, {out / MARKDOWN} and {out / PICTURE}")
-    failures = _failures(tracks)
-    files = links("More", (MARKDOWN, PICTURE), out, readme)
+    written = study.written(_measurements(tracks))
+    study.write({
+        CSV: lambda: frame(tracks),
+        MARKDOWN: lambda: document(tracks, written),
+        PICTURE: lambda: to_small_png(draw(tracks)),
+    }, digits="%.6g")  # fmt: skip
+    files = study.links("More", (MARKDOWN, PICTURE))
     parts = [EXPLANATION, table(tracks, reasons=True).markdown(), written + files]
-    publish(readme, failures, {BLOCK: "\n\n".join(parts)})
-    return failures
+    return study.publish(_failures(tracks), {BLOCK: "\n\n".join(parts)})
 
 
 def document(tracks: Sequence[Track], written: str) -> str:

@@ -10,11 +10,11 @@ from typing import Any
 import pandas as pd
 
 from ffsi.cli import show
-from ffsi.files import folder
 from ffsi.files.errors import InputError
 from ffsi.scene import CASES
 from studies.bench.costs import COARSER, RATIOS, SOLVER, WORDS, cost_row, marked, run
-from studies.verification import Measurement, TextTable, links, number, origin, prepare, publish
+from studies.harness import Study
+from studies.verification import Measurement, TextTable, number
 
 BLOCK = "bench-scenes"
 SCENES_CSV = "bench-scenes.csv"
@@ -139,19 +139,10 @@ def main(*, repeat: int = 1, out: Path | None = None, readme: Path | None = None
 
     Args:
         repeat: runs per scene; seconds and ratios are the medians.
-        out: folder for `bench-scenes.csv` and `bench-formulations.csv`.
-        readme: file whose block `bench-scenes` is replaced, unless a run failed.
-
-    Returns:
-        The failures of all runs, as `Result.failure`; empty strings where all is well.
-
-    Raises:
-        InputError: `repeat` is below 1, or `out` or `readme` cannot be used; nothing was computed.
-        FreeFEMNotFound: no FreeFEM on this machine.
     """
     if repeat < 1:
         raise InputError(f"--repeat: at least one run, not {repeat}")
-    prepare(out, readme, BLOCK)
+    study = Study("bench --scenes" + (f" --repeat {repeat}" if repeat > 1 else ""), out, readme, [BLOCK])
     run("turek-csm1", ["mesh.level=0"])  # what Python imports and FreeFEM reads from disk for the first time
     groups = [[run(case, [f"mesh.level={level_of(case)}"]) for _ in range(repeat)] for case in CASES.steady]
     compared = {case: [_formulations(case, solid) for _ in range(repeat)] for case, solid in FORMULATED.items()}
@@ -162,19 +153,13 @@ def main(*, repeat: int = 1, out: Path | None = None, readme: Path | None = None
     for row in scenes:
         for text in above(row):
             show.note(f"above the bound, {row['case']}: {text}")
-    if out is not None:
-        for name, rows in ((SCENES_CSV, scenes), (FORMULATIONS_CSV, forms)):
-            folder.write_text(out / name, pd.DataFrame(rows).to_csv(index=False, float_format="%.8g"))
-        show.note(f"wrote {out / SCENES_CSV} and {out / FORMULATIONS_CSV}")
+    study.write({SCENES_CSV: lambda: pd.DataFrame(scenes), FORMULATIONS_CSV: lambda: pd.DataFrame(forms)})
     every = [item for group in groups for item in group]
     every += [item for repetitions in compared.values() for runs in repetitions for item in runs]
-    failures = [item.failure for item in every]
-    written = origin("python -m studies bench --scenes" + (f" --repeat {repeat}" if repeat > 1 else ""), every)
-    files = links("Every phase", (SCENES_CSV, FORMULATIONS_CSV), out, readme)
+    written = study.written(every) + study.links("Every phase", (SCENES_CSV, FORMULATIONS_CSV))
     parts = [SCENES_TEXT, scene_table(scenes, reasons=True).markdown()]
-    parts += [FORMULATIONS_TEXT, formulation_table(forms).markdown(), written + files]
-    publish(readme, failures, {BLOCK: "\n\n".join(parts)})
-    return failures
+    parts += [FORMULATIONS_TEXT, formulation_table(forms).markdown(), written]
+    return study.publish([item.failure for item in every], {BLOCK: "\n\n".join(parts)})
 
 
 def _formulations(case: str, solid: str) -> list[Measurement]:

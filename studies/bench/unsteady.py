@@ -28,7 +28,8 @@ from ffsi.scene import Scene, load_scene
 from ffsi.script.render import render
 from studies.bench import time_steps
 from studies.bench.costs import SOLVER, WORDS, marked
-from studies.verification import TextTable, links, number, origin, prepare, publish
+from studies.harness import Study
+from studies.verification import TextTable, number
 from studies.verification.periodic_cases import PLAIN
 from studies.verification.periodic_runs import TimeRun, run_one
 
@@ -257,21 +258,10 @@ def main(
 
     Args:
         repeat: runs of the condensed solver on each mesh; its numbers are the medians.
-        out: folder for `bench-unsteady.csv` and `bench-time-steps.csv`.
-        readme: file whose block `bench-unsteady` is replaced, unless a run failed.
-        runs: folder of the run folders. The developed motion is computed once, and found by later calls.
-        sizes: the meshes.
-
-    Returns:
-        The failures of all runs, as `Result.failure`; empty strings where all is well.
-
-    Raises:
-        InputError: `repeat` is below 1, or `out`, `readme` or a run folder cannot be used.
-        FreeFEMNotFound: no FreeFEM on this machine.
     """
     if repeat < 1:
         raise InputError(f"--repeat: at least one run, not {repeat}")
-    prepare(out, readme, BLOCK)
+    study = Study("bench --unsteady" + (f" --repeat {repeat}" if repeat > 1 else ""), out, readme, [BLOCK])
     rows: list[dict[str, Any]] = []
     done: list[TimeRun | Steps] = []
     for size in sizes:
@@ -296,13 +286,7 @@ def main(
     tables = table(rows, sizes), time_steps.table(errors)
     for item in tables:
         item.print()
-    if out is not None:
-        for name, content in ((CSV, rows), (STEPS_CSV, errors)):
-            folder.write_text(out / name, pd.DataFrame(content).to_csv(index=False, float_format="%.8g"))
-        show.note(f"wrote {out / CSV} and {out / STEPS_CSV}")
-    failures = [item.failure for item in done]
-    written = origin("python -m studies bench --unsteady" + (f" --repeat {repeat}" if repeat > 1 else ""), done)
-    files = links("More", (CSV, STEPS_CSV), out, readme)
-    parts = [EXPLANATION, tables[0].markdown(), time_steps.EXPLANATION, tables[1].markdown(), written + files]
-    publish(readme, failures, {BLOCK: "\n\n".join(parts)})
-    return failures
+    study.write({CSV: lambda: pd.DataFrame(rows), STEPS_CSV: lambda: pd.DataFrame(errors)})
+    written = study.written(done) + study.links("More", (CSV, STEPS_CSV))
+    parts = [EXPLANATION, tables[0].markdown(), time_steps.EXPLANATION, tables[1].markdown(), written]
+    return study.publish([item.failure for item in done], {BLOCK: "\n\n".join(parts)})

@@ -17,8 +17,8 @@ from ffsi.report import walls
 from ffsi.result import pictures
 from ffsi.run.solve import solve
 from ffsi.scene import Scene
+from studies.harness import Study
 from studies.paper.aneurysm_text import document
-from studies.verification import prepare
 from studies.verification.aneurysm import VARIANTS, AneurysmVariant
 
 OUT = Path("results/paper")
@@ -33,19 +33,9 @@ def main(*, level: int = LEVEL, out: Path = OUT, runs: Path = RUNS) -> list[str]
 
     Args:
         level: mesh level.
-        out: folder for figures, tables and `aneurysm.md`.
-        runs: folder for the run folders.
-
-    Returns:
-        The failures of all runs, as `Result.failure`.
-
-    Raises:
-        InputError: `out` cannot be used.
-        SceneError: the level is not valid.
-        FreeFEMNotFound: no FreeFEM on this machine.
     """
     scenes = {variant: variant.scene(level) for variant in VARIANTS}
-    prepare(out, None, "")
+    Study("paper --aneurysm", out)
     results: dict[AneurysmVariant, Result] = {}
     with show.progress("aneurysm", len(scenes)) as on_event:
         for variant, scene in scenes.items():

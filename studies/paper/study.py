@@ -11,11 +11,11 @@ from ffsi.cli import show
 from ffsi.files import folder
 from ffsi.files.errors import InputError
 from ffsi.result.pictures import to_small_png
+from studies.harness import Study
 from studies.paper.cases import CASES, Curve, PaperCase, all_curves
 from studies.paper.document import document, overview
 from studies.paper.pictures import draw, file_name
 from studies.paper.sweeps import Outcome, load_scenes, run_sweeps
-from studies.verification import prepare
 
 OUT = Path("results/paper")
 RUNS = Path("runs/paper")
@@ -24,7 +24,7 @@ MARKDOWN = "paper.md"
 
 
 def main(
-    numbers: Sequence[int] | None = None,
+    cases: Sequence[int] | None = None,
     *,
     level: int = LEVEL,
     jobs: int = 1,
@@ -34,31 +34,22 @@ def main(
     """Compute the paper's cases and write CSV, PNG and `paper.md`; a second call resumes the sweeps.
 
     Args:
-        numbers: the paper's cases, 1 to 3; None: all.
+        cases: numbers of the paper's cases, 1 to 3; None: all.
         level: mesh level.
-        jobs: sweeps at a time.
-        out: folder for tables, figures and `paper.md`.
-        runs: folder for the run folders.
 
     Returns:
         The failures of all sweeps, as `Result.failure`: failed checks and crashes. Where a sweep ends is a finding and
         no failure, unless none of its points was solved.
-
-    Raises:
-        InputError: there is no such case, `out` cannot be used, or `runs` holds sweeps with another definition.
-        SceneError: the level is not valid.
-        FreeFEMNotFound: no FreeFEM on this machine.
     """
-    cases = choose(numbers)
-    scenes = load_scenes(all_curves(cases), level)
-    prepare(out, None, "")
-    with show.progress("paper", sum(len(curve.velocities) for curve in scenes)) as on_event:
-        outcomes = run_sweeps(scenes, runs, jobs, on_event)
-    overview(cases, outcomes).print()
+    chosen = choose(cases)
+    scenes = load_scenes(all_curves(chosen), level)
+    Study("paper", out)
+    outcomes = run_sweeps(scenes, runs, jobs)
+    overview(chosen, outcomes).print()
     for outcome in outcomes.values():
         if outcome.end is not None:
             show.note(f"{outcome.curve.name} ended at {outcome.end[0]:g} m/s: {outcome.end[1]}")
-    write(cases, outcomes, out, command(numbers, level))
+    write(chosen, outcomes, out, command(cases, level))
     show.note(f"wrote {out / MARKDOWN}, its tables and figures")
     return [failure for outcome in outcomes.values() for failure in outcome.failures]
 

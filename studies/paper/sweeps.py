@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 
 import pandas as pd
 
-from ffsi.freefem import stop_all
 from ffsi.freefem.events import OnEvent
 from ffsi.hemodynamics.result import Result, load_result
 from ffsi.run import sweep
 from ffsi.scene import Scene, load_scene
+from studies.harness import side_by_side
 from studies.paper.cases import MEAN_VELOCITY, Curve
 
 SOLVED = ("",)  # failures of points with values
@@ -93,34 +92,24 @@ def load_scenes(curves: Iterable[Curve], level: int) -> dict[Curve, Scene]:
     return {curve: load_scene(curve.scene, [*curve.settings, *common]) for curve in curves}
 
 
-def run_sweeps(
-    scenes: Mapping[Curve, Scene], runs: Path, jobs: int = 1, on_event: OnEvent | None = None
-) -> dict[Curve, Outcome]:
+def run_sweeps(scenes: Mapping[Curve, Scene], runs: Path, jobs: int = 1) -> dict[Curve, Outcome]:
     """Run the sweeps, or what is missing of them.
 
     Args:
         scenes: the sweeps, as of `load_scenes`.
         runs: where their folders are, `level-N/NAME`.
         jobs: sweeps at a time.
-        on_event: called with every event that the scripts report, from several threads.
 
     Raises:
         InputError: a folder holds a sweep with another definition.
         FreeFEMNotFound: no FreeFEM on this machine.
     """
 
-    def run(curve: Curve) -> Outcome:
+    def run(curve: Curve, on_event: OnEvent) -> Outcome:
         scene = scenes[curve]
         directory = runs / f"level-{scene.mesh.level}" / curve.name
         table = sweep.sweep(scene, {MEAN_VELOCITY: curve.velocities}, directory, on_event=on_event)
         return Outcome(curve, scene, directory, table)
 
-    with ThreadPoolExecutor(max_workers=jobs, thread_name_prefix="ffsi-paper") as pool:
-        running = {pool.submit(run, curve): curve for curve in scenes}
-        try:
-            done = {running[job]: job.result() for job in as_completed(running)}
-        except BaseException:  # Ctrl-C reaches this thread only
-            pool.shutdown(wait=False, cancel_futures=True)
-            stop_all()
-            raise
-    return {curve: done[curve] for curve in scenes}
+    points = sum(len(curve.velocities) for curve in scenes)
+    return side_by_side({curve: partial(run, curve) for curve in scenes}, jobs, "paper", points)

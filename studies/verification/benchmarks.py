@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 
 from ffsi.scene import CASES
+from studies.tables import TextTable, number, percent
 from studies.verification import runs as running
 from studies.verification.runs import Measurement, Variant
 from studies.verification.section import Part, Section, by_variant
 from studies.verification.sources import COLUMNS, reference_sets
-from studies.verification.tables import TextTable, number, percent
 
 FINEST = {"turek-fsi1": 4}  # finest mesh level where it is not 3
 SHORT_LEVEL = 2  # the level of the README's table

@@ -6,15 +6,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Protocol
 
-from ffsi.cli import show
-from ffsi.files import folder
 from ffsi.hemodynamics.result import Result, load_result
 from ffsi.scene import Scene
+from studies.harness import Study
 from studies.verification.aneurysm_cases import ANEURYSM_CASES, level_changes
 from studies.verification.blood_tables import EXPLANATION, TABLES
 from studies.verification.measured import SECONDS, Measured, Row, to_frame
 from studies.verification.oscillating_channel import OSCILLATING_CASES
-from studies.verification.outputs import links, origin, prepare, publish
 from studies.verification.periodic_runs import TimeRun, run_all
 from studies.verification.plane_blood import PLANE_CASES
 from studies.verification.section import markdown
@@ -62,38 +60,18 @@ def main(
     runs: Path = RUNS,
     cases: Sequence[BloodCase] = CASES,
 ) -> list[str]:
-    """Run everything, print its tables, and write them down. A second call goes on.
-
-    Args:
-        jobs: runs at a time, of one thread each.
-        out: folder for `blood.csv` and `blood.md`.
-        readme: file whose block `blood` is replaced, unless a run failed.
-        runs: folder of the run folders.
-        cases: what to run.
-
-    Returns:
-        The failures of all runs, as `Result.failure`; empty strings where all is well.
-
-    Raises:
-        InputError: `out`, `readme` or a run folder cannot be used.
-        FreeFEMNotFound: no FreeFEM on this machine.
-    """
-    prepare(out, readme, BLOCK)
+    """Run everything, print its tables, and write them down. A second call goes on."""
+    study = Study("verify --blood", out, readme, [BLOCK])
     done = run_all({case.folder: case.scene for case in cases}, runs, jobs, "verify --blood")
     rows = [_row(case, run) for case, run in zip(cases, done, strict=True)]
     rows += level_changes(rows)
     for table in TABLES:
         if (made := table.of(rows)).body:
             made.print()
-    written = origin("python -m studies verify --blood", done)
-    if out is not None:
-        folder.write_text(out / CSV, to_frame(rows, TABLES).to_csv(index=False, float_format="%.10g"))
-        folder.write_text(out / MARKDOWN, document(rows, written))
-        show.note(f"wrote {out / CSV} and {out / MARKDOWN}")
-    failures = [run.failure for run in done]
-    more = links("All meshes", [MARKDOWN], out, readme)
-    publish(readme, failures, {BLOCK: f"{tables(rows, short=True)}\n\n{written} {EXPLANATION}{more}"})
-    return failures
+    written = study.written(done)
+    study.write({CSV: lambda: to_frame(rows, TABLES), MARKDOWN: lambda: document(rows, written)}, digits="%.10g")
+    text = f"{tables(rows, short=True)}\n\n{written} {EXPLANATION}{study.links('All meshes', [MARKDOWN])}"
+    return study.publish([run.failure for run in done], {BLOCK: text})
 
 
 def _row(case: BloodCase, run: TimeRun) -> Row:

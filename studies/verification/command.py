@@ -9,12 +9,11 @@ from typing import Any
 import pandas as pd
 
 from ffsi.cli import show
-from ffsi.files import folder
+from studies.harness import Study, has_block
 from studies.verification.benchmarks import BENCHMARKS
 from studies.verification.cook import COOK
 from studies.verification.elastica import ELASTICA
 from studies.verification.flaps import FLAPS
-from studies.verification.outputs import command_line, has_block, links, origin, prepare, publish
 from studies.verification.runs import Measurement
 from studies.verification.section import Section, markdown
 from studies.verification.sources import COLUMNS
@@ -39,33 +38,16 @@ def main(
 
     Args:
         levels: mesh levels; None: 0 to 4 for FSI1 and the flaps, and 0 to 3 for the others.
-        out: folder for `verification.csv` and `verification.md`.
-        readme: file whose blocks (`Section.block`) are replaced, unless a run failed. It has that of the first section;
-            those of the others may be missing.
-        sections: what to run.
-
-    Returns:
-        The failures of all runs, as `Result.failure`; empty strings where all is well.
-
-    Raises:
-        InputError: `out` or `readme` cannot be used; nothing was computed.
-        FreeFEMNotFound: no FreeFEM on this machine.
     """
-    prepare(out, readme, sections[0].block)
     shown = [section for section in sections if readme is not None and has_block(readme, section.block)]
-    for section in shown:
-        prepare(None, readme, section.block)
+    blocks = [sections[0].block, *(section.block for section in shown)]
+    study = Study("verify" + (f" --levels {','.join(map(str, levels))}" if levels else ""), out, readme, blocks)
     done = [(section, _run(section, levels)) for section in sections]
     runs = [run for _, own in done for run in own]
-    written = origin(command_line("verify", levels), runs)
-    if out is not None:
-        folder.write_text(out / CSV, to_frame(runs).to_csv(index=False, float_format="%.8g"))
-        folder.write_text(out / MARKDOWN, document(done, written))
-        show.note(f"wrote {out / CSV} and {out / MARKDOWN}")
-    failures = [run.failure for run in runs]
-    said = f"{written} {EXPLANATION}{links('All levels', [MARKDOWN], out, readme)}"
-    publish(readme, failures, brief([pair for pair in done if pair[0] in shown], said))
-    return failures
+    written = study.written(runs)
+    study.write({CSV: lambda: to_frame(runs), MARKDOWN: lambda: document(done, written)})
+    said = f"{written} {EXPLANATION}{study.links('All levels', [MARKDOWN])}"
+    return study.publish([run.failure for run in runs], brief([pair for pair in done if pair[0] in shown], said))
 
 
 def _run(section: Section, levels: Sequence[int] | None) -> list[Measurement]:

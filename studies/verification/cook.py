@@ -6,11 +6,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
+from studies.tables import NOTHING, TextTable, number, percent, size
 from studies.verification import runs as running
 from studies.verification.runs import Measurement, Variant
 from studies.verification.section import Part, Section, by_variant
 from studies.verification.sources import reference_sets
-from studies.verification.tables import NOTHING, TextTable, number, percent, size
 
 CASE = "cook"
 LEVELS = range(4)

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
+from studies.tables import TextTable, number, percent
 from studies.verification import runs as running
 from studies.verification.runs import Measurement, Variant
 from studies.verification.section import Part, Section, by_variant
 from studies.verification.sources import reference_sets
-from studies.verification.tables import TextTable, number, percent
 
 CASE = "cantilever"
 LEVELS = range(4)

@@ -6,10 +6,10 @@ import math
 from collections.abc import Iterable, Sequence
 from itertools import pairwise
 
+from studies.tables import NOTHING, TextTable, number, size
 from studies.verification import runs as running
 from studies.verification.runs import Measurement, Variant
 from studies.verification.section import Part, Section, by_variant
-from studies.verification.tables import NOTHING, TextTable, number, size
 
 CASES = ("flap-neo-hookean", "flap-mooney-rivlin", "flap-neo-hookean-roof", "flap-mooney-rivlin-roof")
 VELOCITY = 0.055  # m/s, mean inflow, the last of the paper's sweep

@@ -10,14 +10,12 @@ from typing import Any
 
 import pandas as pd
 
-from ffsi.cli import show
-from ffsi.files import folder
+from studies.harness import Study
+from studies.tables import TextTable, number
 from studies.verification.hard_entries import load, select
 from studies.verification.hard_runs import Outcome, run_all
 from studies.verification.hard_verdicts import FAILED, GOOD, VERDICTS, Verdict, judge
-from studies.verification.outputs import origin, prepare
 from studies.verification.section import markdown
-from studies.verification.tables import TextTable, number
 
 CSV, MARKDOWN = "hard.csv", "hard.md"
 RUNS = Path("runs/hard")
@@ -35,31 +33,20 @@ def main(*, jobs: int = 1, out: Path | None = None, runs: Path = RUNS, only: str
     """Run the hard cases, print what is not as expected, and write all down. A second call runs what is missing.
 
     Args:
-        jobs: cases at a time, of one thread each.
-        out: folder for `hard.csv` and `hard.md`.
-        runs: folder of the run folders.
         only: patterns of names such as `h-*,k-creep`; None: all.
 
     Returns:
         For each case empty, or its failure as of a Result: of a wrong number or cause `check`.
-
-    Raises:
-        InputError: `out` or `only` cannot be used.
-        FreeFEMNotFound: no FreeFEM on this machine.
     """
-    prepare(out, None, "")
+    study = Study("verify --hard" + (f" --only '{only}'" if only else ""), out)
     titles, entries = load()
     outcomes = run_all(select(entries, only), runs, jobs)
     judged = [(outcome, judge(outcome, outcomes)) for outcome in outcomes.values()]
     counts(judged, titles).print()
     if table := bad_ones(judged):
         table.print()
-    if out is not None:
-        command = "python -m studies verify --hard" + (f" --only '{only}'" if only else "")
-        written = origin(command, outcomes.values())
-        folder.write_text(out / CSV, to_frame(judged).to_csv(index=False))
-        folder.write_text(out / MARKDOWN, document(judged, titles, written))
-        show.note(f"wrote {out / CSV} and {out / MARKDOWN}")
+    written = study.written(outcomes.values())
+    study.write({CSV: lambda: to_frame(judged), MARKDOWN: lambda: document(judged, titles, written)}, digits=None)
     return ["" if verdict.word in GOOD else _failure(outcome, verdict) for outcome, verdict in judged]
 
 

@@ -8,25 +8,24 @@ import shutil
 import time
 import traceback
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
-from ffsi.cli import show
 from ffsi.files import folder
 from ffsi.files.errors import InputError
 from ffsi.files.history import read_history
-from ffsi.freefem import FreeFEMNotFound, find_freefem, stop_all
+from ffsi.freefem import FreeFEMNotFound, find_freefem
 from ffsi.freefem.events import OnEvent
 from ffsi.hemodynamics.result import load_result, load_results
 from ffsi.result.quantities import flatten
 from ffsi.run.sweep import sweep
 from ffsi.scene import Scene, SceneError
 from ffsi.script.render import render
+from studies.harness import side_by_side
 from studies.verification.hard_entries import Entry
 from studies.verification.periodic_runs import run_one
 
@@ -108,19 +107,8 @@ def run_all(entries: Sequence[Entry], runs: Path, jobs: int = 1) -> dict[str, Ou
     """
     find_freefem()
     runs.mkdir(parents=True, exist_ok=True)
-    with (
-        show.progress("verify --hard", len(entries)) as on_event,
-        ThreadPoolExecutor(max_workers=jobs, thread_name_prefix="ffsi-hard") as pool,
-    ):
-        running = [pool.submit(run, entry, runs, on_event) for entry in entries]
-        try:
-            for job in as_completed(running):
-                job.result()
-        except BaseException:  # Ctrl-C reaches this thread only
-            pool.shutdown(wait=False, cancel_futures=True)
-            stop_all()
-            raise
-    return {entry.id: job.result() for entry, job in zip(entries, running, strict=True)}
+    tasks = {entry.id: partial(run, entry, runs) for entry in entries}
+    return side_by_side(tasks, jobs, "verify --hard")
 
 
 def run(entry: Entry, runs: Path, on_event: OnEvent | None = None) -> Outcome:

@@ -6,26 +6,25 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
+from matplotlib.figure import Figure
 
-from ffsi.cli import show
-from ffsi.files import folder
 from ffsi.report.curves import time_history
 from ffsi.result.oscillation import BLOCK as PERIODS
 from ffsi.result.oscillation import Oscillation, blocks
 from ffsi.result.pictures import to_small_png
 from ffsi.scene import CASES, Scene, load_scene
-from studies.verification.outputs import links, origin, prepare, publish
+from studies.harness import Study
+from studies.tables import NOTHING, TextTable, number, percent
 from studies.verification.periodic import RUNS
 from studies.verification.periodic_cases import PLAIN
 from studies.verification.periodic_output import COSTS_TEXT, cost_cells, cost_head, marked
 from studies.verification.periodic_runs import TimeRun, run_all
-from studies.verification.tables import NOTHING, TextTable, number, percent
 
 BLOCK = "long"
 CSV, MARKDOWN = "long.csv", "long.md"
@@ -173,44 +172,27 @@ def main(
     runs: Path = RUNS,
     cases: Sequence[LongCase] = LONG_CASES,
 ) -> list[str]:
-    """Run the long cases, print amplitudes and J of their blocks, and write them down. A second call goes on.
-
-    Args:
-        jobs: runs at a time, of one thread each.
-        out: folder for `long.csv`, `long.md` and a picture of each history.
-        readme: file whose block `long` is replaced, unless a run failed.
-        runs: folder of the run folders.
-        cases: what to run.
-
-    Returns:
-        The failures of all runs, as `Result.failure`; empty strings where all is well.
-
-    Raises:
-        InputError: `out`, `readme` or a run folder cannot be used.
-        FreeFEMNotFound: no FreeFEM on this machine.
-    """
-    prepare(out, readme, BLOCK)
+    """Run the long cases, print amplitudes and J of their blocks, and write them down. A second call goes on."""
+    study = Study("verify --long", out, readme, [BLOCK])
     done = run_all({case.folder: case.scene for case in cases}, runs, jobs, "verify --long")
     found = [LongRun(case, run) for case, run in zip(cases, done, strict=True)]
     summary_table(found).print()
-    written = origin("python -m studies verify --long", done)
-    if out is not None:
-        _write(out, found, written)
-    failures = [run.failure for run in done]
-    files = links("More", [MARKDOWN, *(case.picture for case in cases)], out, readme)
-    publish(readme, failures, {BLOCK: f"{summary_table(found).markdown()}\n\n{written} {EXPLANATION}{files}"})
-    return failures
+    written = study.written(done)
+    drawn = {item.case.picture: figure for item in found if (figure := _draw(item)) is not None}
+    study.write({
+        CSV: lambda: to_frame(found),
+        MARKDOWN: lambda: document(found, written),
+        **{name: partial(to_small_png, figure) for name, figure in drawn.items()},
+    })  # fmt: skip
+    files = study.links("More", [MARKDOWN, *(case.picture for case in cases)])
+    text = f"{summary_table(found).markdown()}\n\n{written} {EXPLANATION}{files}"
+    return study.publish([run.failure for run in done], {BLOCK: text})
 
 
-def _write(out: Path, found: Sequence[LongRun], written: str) -> None:
-    folder.write_text(out / CSV, to_frame(found).to_csv(index=False, float_format="%.8g"))
-    folder.write_text(out / MARKDOWN, document(found, written))
-    for item in found:
-        last = item.blocks[-1] if item.blocks else None
-        period = (last.end - (last.end - last.start) / PERIODS, last.end) if last else None
-        if (figure := time_history(item.run.history, period)) is not None:
-            (out / item.case.picture).write_bytes(to_small_png(figure))
-    show.note(f"wrote {out / CSV}, {out / MARKDOWN} and the pictures of {len(found)} histories")
+def _draw(item: LongRun) -> Figure | None:
+    last = item.blocks[-1] if item.blocks else None
+    period = (last.end - (last.end - last.start) / PERIODS, last.end) if last else None
+    return time_history(item.run.history, period)
 
 
 def document(found: Sequence[LongRun], written: str) -> str:

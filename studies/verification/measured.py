@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from studies.verification.tables import NOTHING, TextTable, percent
+from studies.tables import NOTHING, TextTable, percent
 
 Floats = NDArray[np.float64]
 SECONDS = "seconds"

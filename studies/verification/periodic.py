@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from ffsi.cli import show
-from ffsi.files import folder
 from ffsi.result.pictures import to_small_png
-from studies.verification.outputs import links, origin, prepare, publish
+from studies.harness import Study
 from studies.verification.periodic_cases import LARGEST, PERIODIC_CASES, PeriodicCase
 from studies.verification.periodic_output import COSTS_TEXT, Outcome, case_table, draw, to_frame
 from studies.verification.periodic_runs import run_all
@@ -34,39 +32,22 @@ def main(
     runs: Path = RUNS,
     cases: Sequence[PeriodicCase] = PERIODIC_CASES,
 ) -> list[str]:
-    """Run every case until it is periodic, print errors and costs, and write them down. A second call goes on.
-
-    Args:
-        jobs: runs at a time, of one thread each.
-        out: folder for `verification-unsteady.csv`, `.md` and `.png`.
-        readme: file whose block `verification-unsteady` is replaced, unless a run failed.
-        runs: folder of the run folders.
-        cases: what to run.
-
-    Returns:
-        The failures of all runs, as `Result.failure`; empty strings where all is well.
-
-    Raises:
-        InputError: `out`, `readme` or a run folder cannot be used.
-        FreeFEMNotFound: no FreeFEM on this machine.
-    """
-    prepare(out, readme, BLOCK)
+    """Run every case until it is periodic, print errors and costs, and write them down. A second call goes on."""
+    study = Study("verify --unsteady", out, readme, [BLOCK])
     plans = [plan for case in cases for plan in case.runs]
     done = run_all({plan.name: plan.scene for plan in plans}, runs, jobs, "verify --unsteady")
     outcomes = [Outcome(plan, run) for plan, run in zip(plans, done, strict=True)]
     groups = [(case, [item for item in outcomes if item.plan.case == case]) for case in cases]
     for case, own in groups:
         case_table(case, own).print()
-    written = origin("python -m studies verify --unsteady", done)
-    if out is not None:
-        folder.write_text(out / CSV, to_frame(outcomes).to_csv(index=False, float_format="%.8g"))
-        folder.write_text(out / MARKDOWN, document(groups, written))
-        (out / PICTURE).write_bytes(to_small_png(draw(groups)))
-        show.note(f"wrote {out / CSV}, {out / MARKDOWN} and {out / PICTURE}")
-    failures = [run.failure for run in done]
-    more = links("Last periods, and errors over seconds", [PICTURE], out, readme)
-    publish(readme, failures, {BLOCK: f"{tables(groups)}\n\n{written} {EXPLANATION}{more}"})
-    return failures
+    written = study.written(done)
+    study.write({
+        CSV: lambda: to_frame(outcomes),
+        MARKDOWN: lambda: document(groups, written),
+        PICTURE: lambda: to_small_png(draw(groups)),
+    })  # fmt: skip
+    more = study.links("Last periods, and errors over seconds", [PICTURE])
+    return study.publish([run.failure for run in done], {BLOCK: f"{tables(groups)}\n\n{written} {EXPLANATION}{more}"})
 
 
 def tables(groups: Groups) -> str:

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -16,13 +15,14 @@ from ffsi.cli import show
 from ffsi.files import folder
 from ffsi.files.errors import InputError
 from ffsi.files.history import read_history, seconds_of_run, seconds_of_steps
-from ffsi.freefem import FreeFEMError, FreeFEMNotFound, find_freefem, stop_all
+from ffsi.freefem import FreeFEMError, FreeFEMNotFound, find_freefem
 from ffsi.freefem.events import OnEvent
 from ffsi.hemodynamics.result import load_result
 from ffsi.result.in_time import RESUMABLE
 from ffsi.run.solve import solve
 from ffsi.scene import Scene, SceneError, load_scene
 from ffsi.script.render import render
+from studies.harness import side_by_side
 
 
 @dataclass(frozen=True)
@@ -113,18 +113,8 @@ def run_all(scenes: Mapping[str, Scene], runs: Path, jobs: int = 1, label: str =
     """
     if jobs == 1:
         return [_alone(name, scene, runs / name) for name, scene in scenes.items()]
-    with (
-        show.progress(label, len(scenes)) as on_event,
-        ThreadPoolExecutor(max_workers=jobs, thread_name_prefix="ffsi-run") as pool,
-    ):
-        running = {pool.submit(run_one, name, scene, runs / name, on_event): name for name, scene in scenes.items()}
-        try:
-            done = {running[job]: job.result() for job in as_completed(running)}
-        except BaseException:  # Ctrl-C reaches this thread only
-            pool.shutdown(wait=False, cancel_futures=True)
-            stop_all()
-            raise
-    return [done[name] for name in scenes]
+    tasks = {name: partial(run_one, name, scene, runs / name) for name, scene in scenes.items()}
+    return list(side_by_side(tasks, jobs, label).values())
 
 
 def _alone(name: str, scene: Scene, directory: Path) -> TimeRun:

@@ -6,12 +6,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from ffsi.cli import show
-from ffsi.freefem import FreeFEMError, FreeFEMNotFound
-from ffsi.run.solve import solve
 from ffsi.scene import load_scene
+from studies.harness import solved
+from studies.tables import number
 from studies.verification.sources import COLUMNS, ReferenceSet, reference_sets
-from studies.verification.tables import number
 
 
 @dataclass(frozen=True)
@@ -101,16 +99,7 @@ def measure(case: str, level: int, variant: Variant | None = None) -> Measuremen
     variant = variant or Variant(case)
     name = f"{case} {variant.name} level {level}".replace("  ", " ")
     scene = load_scene(case, [*variant.settings, f"mesh.level={level}"])
-    try:
-        with show.progress(name) as on_event:
-            data: Mapping[str, Any] = solve(scene, on_event=on_event, threads=1).data
-    except FreeFEMNotFound:
-        raise
-    except FreeFEMError as error:
-        data = {"case": case, "status": "failed", "failure": "crash", "reason": str(error), "level": level}
-    if data.get("failure"):
-        show.error(f"{name}: {data['reason']}")
-    return Measurement(case, level, data, variant.name)
+    return Measurement(case, level, solved(scene, name), variant.name)
 
 
 def measure_all(variants: Sequence[Variant], levels: Sequence[int]) -> list[Measurement]:

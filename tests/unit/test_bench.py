@@ -9,7 +9,6 @@ import pytest
 from ffsi.files.errors import InputError
 from ffsi.freefem import FreeFEMError
 from ffsi.scene import CASES, load_scene
-from studies import bench
 from studies.__main__ import main
 from studies.bench import costs, levels, mesh_motion, scenes
 from studies.bench.costs import RATIOS, cost_row, marked, ratios
@@ -92,7 +91,7 @@ def test_table_picture_and_readme_are_written(tmp_path, monkeypatch, capsys):
     readme = tmp_path / "README.md"
     readme.write_text(README)
     monkeypatch.setattr(levels, "measure", lambda case, level: run(level, level + 1))
-    assert bench.main([0, 1], repeat=2, out=tmp_path / "results", readme=readme) == ["", "", "", ""]
+    assert levels.main([0, 1], repeat=2, out=tmp_path / "results", readme=readme) == ["", "", "", ""]
     frame = pd.read_csv(tmp_path / "results/bench-turek-fsi1.csv")
     assert frame["script_seconds"].tolist() == [2, 4]
     assert (tmp_path / "results/bench-turek-fsi1.png").read_bytes().startswith(b"\x89PNG")
@@ -108,13 +107,13 @@ def test_a_failed_run_is_returned_and_leaves_the_readme_alone(tmp_path, monkeypa
     readme = tmp_path / "README.md"
     readme.write_text(README)
     monkeypatch.setattr(levels, "measure", failed)
-    assert bench.main([0], readme=readme) == ["not-converged"]
+    assert levels.main([0], readme=readme) == ["not-converged"]
     assert readme.read_text() == README
 
 
 def test_at_least_one_run():
     with pytest.raises(InputError, match="at least one run, not 0"):
-        bench.main([0], repeat=0)
+        levels.main([0], repeat=0)
 
 
 # Scenes -------------------------------------------------------------------------------------------------------------
@@ -213,7 +212,7 @@ def test_a_failed_scene_leaves_the_readme_alone(tmp_path, monkeypatch):
 def test_a_run_counts_what_was_done_on_coarser_meshes(monkeypatch):
     history = pd.DataFrame({"stage": [1, 1, 2, 2], "seconds": [0.1, 0.4, 0.9, 1.0]})
     done = SimpleNamespace(data=dict(solution().data), solved=True, history=history)
-    monkeypatch.setattr(costs, "solve", lambda scene, **_: done)
+    monkeypatch.setattr("studies.harness.solve", lambda scene, **_: done)
     found = costs.run("cook", ["mesh.level=1"])
     assert (found.level, found.timings["coarser_meshes"]) == (1, 0.4)
     done.history = history[history["stage"] == 2]
@@ -224,7 +223,7 @@ def test_a_run_that_dies_is_a_measurement(monkeypatch):
     def die(scene, **_):
         raise FreeFEMError("crash", "signal 11")
 
-    monkeypatch.setattr(costs, "solve", die)
+    monkeypatch.setattr("studies.harness.solve", die)
     assert costs.run("cook").failure == "crash"
 
 
@@ -371,10 +370,10 @@ def test_the_kind_of_measurement_is_chosen_by_its_option(monkeypatch, words, mod
 
 def test_without_it_one_case_is_measured(monkeypatch):
     seen = []
-    monkeypatch.setattr(bench, "main", lambda *given, **options: seen.append((given, options)) or [""])
+    monkeypatch.setattr(levels, "main", lambda **options: seen.append(options) or [""])
     with pytest.raises(SystemExit) as ended:
         main(["bench", "--case", "cook", "--levels", "1", "--repeat", "2"])
-    assert (ended.value.code, seen) == (0, [(([1], "cook"), {"repeat": 2})])
+    assert (ended.value.code, seen) == (0, [{"case": "cook", "levels": [1], "repeat": 2}])
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,6 @@
 import json
 import re
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 from run_folders import make_run
@@ -223,27 +222,22 @@ def test_cases_are_listed(capsys):
 
 def test_bench_passes_its_numbers_on(capsys, monkeypatch):
     seen = []
-    fake = SimpleNamespace(main=lambda levels, case: seen.append((levels, case)) or [""])
-    monkeypatch.setitem(__import__("sys").modules, "studies.bench", fake)
+    monkeypatch.setattr("studies.bench.levels.main", lambda **options: seen.append(options) or [""])
     assert call(capsys, "bench", "--levels", "0,2")[0] == 0
-    assert seen == [([0, 2], "turek-fsi1")]
+    assert seen == [{"levels": [0, 2]}]
 
 
 @pytest.mark.parametrize(("failures", "code"), [([], 0), (["check"], 1), (["not-converged"], 3), (["crash"], 4)])
 def test_paper_passes_its_options_on_and_ends_with_the_worst_failure(capsys, monkeypatch, failures, code):
     seen = []
 
-    def reproduce(numbers, **options):
-        seen.append((numbers, options))
-        return failures
-
-    monkeypatch.setattr("studies.paper.main", reproduce)
+    monkeypatch.setattr("studies.paper.study.main", lambda **options: seen.append(options) or failures)
     words = ["--cases", "1,3", "--level", "0", "--jobs", "2", "--out", "there", "--runs", "sweeps"]
     assert call(capsys, "paper", *words)[0] == code
     assert call(capsys, "paper")[0] == code
-    options = {"level": 0, "jobs": 2, "out": Path("there"), "runs": Path("sweeps")}
-    default = {"level": 2, "jobs": 1, "out": Path("results/paper"), "runs": Path("runs/paper")}
-    assert seen == [([1, 3], options), (None, default)]
+    options = {"cases": [1, 3], "level": 0, "jobs": 2, "out": Path("there"), "runs": Path("sweeps")}
+    default = {"level": 2, "out": Path("results/paper"), "runs": Path("runs/paper")}
+    assert seen == [options, default]
 
 
 @pytest.mark.parametrize(("healthy", "code"), [(True, 0), (False, 4)])

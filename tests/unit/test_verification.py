@@ -11,6 +11,7 @@ from ffsi.files.errors import InputError
 from ffsi.freefem import FreeFEMError, FreeFEMNotFound
 from ffsi.scene import load_scene
 from studies import verification
+from studies.tables import size
 from studies.verification import (
     CAVITY,
     SECTIONS,
@@ -31,7 +32,6 @@ from studies.verification import (
     short,
     to_frame,
 )
-from studies.verification.tables import size
 
 README = "before\n<!-- verification:begin -->\nold\n<!-- verification:end -->\nafter\n"
 ALL_BLOCKS = "".join(f"<!-- {s.block}:begin -->\nold\n<!-- {s.block}:end -->\n" for s in SECTIONS)
@@ -233,13 +233,13 @@ def test_a_process_that_dies_is_a_measurement_but_a_missing_freefem_ends_everyth
     def missing(*_: object, **__: object) -> None:
         raise FreeFEMNotFound("missing-binary", "no FreeFem++")
 
-    monkeypatch.setattr(runs, "solve", dies)
+    monkeypatch.setattr("studies.harness.solve", dies)
     assert verification.measure("turek-cfd1", 0).failure == "crash"
     assert verification.measure("cook", 0, cook.NEO_HOOKEAN).variant == "neo-hookean"
     said = capsys.readouterr().err
     assert "turek-cfd1 level 0: FreeFEM, killed: signal 9" in said
     assert "cook neo-hookean level 0: FreeFEM, killed: signal 9" in said
-    monkeypatch.setattr(runs, "solve", missing)
+    monkeypatch.setattr("studies.harness.solve", missing)
     with pytest.raises(FreeFEMNotFound):
         verification.measure("turek-cfd1", 0)
 
