@@ -21,7 +21,7 @@ from ffsi.cli.progress import ProgressDisplay
 from ffsi.hemodynamics.result import Result
 from ffsi.result.domain import intended, words
 from ffsi.result.published import Reference, references_for
-from ffsi.result.quantities import published_value, unit
+from ffsi.result.quantities import CHECKED, in_table, published_value, unit
 from ffsi.result.words import tally, time_line
 from ffsi.scene import CASES, Scene
 from ffsi.scene.materials import Elastic
@@ -203,9 +203,8 @@ def check_line(check: Mapping[str, Any], failures: Sequence[str]) -> str:
 def sweep(table: pd.DataFrame, keys: Sequence[str], out: Path) -> None:
     """Print the sweep's table."""
     console = _out()
-    quantities = ("drag", "lift", "tip_ux", "tip_uy", "min_jacobian")
     endings = ("", "_mean", "_amplitude", "_frequency")
-    names = [name + ending for name in quantities for ending in endings if name + ending in table]
+    names = [name + ending for name in in_table("sweep") for ending in endings if name + ending in table]
     shown = Table(box=None, pad_edge=False, header_style="bold")
     for name in [*keys, "status", *names, "check_maximum", "seconds"]:
         shown.add_column(text(name), justify="left" if name == "status" else "right")
@@ -240,7 +239,6 @@ def checks(reports: Sequence[tuple[Result, CheckReport]]) -> None:
 
 def check_rows(reports: Sequence[tuple[Result, CheckReport]]) -> list[dict[str, Any]]:
     """Return what the checker found, one dictionary per point."""
-    from ffsi.result.quantities import CHECKED
 
     return [
         {

@@ -12,12 +12,9 @@ from ffsi.hemodynamics.aneurysm import AneurysmState
 from ffsi.hemodynamics.result import Result
 from ffsi.report import walls
 from ffsi.report.tables import Rows, cell, with_unit
-from ffsi.result.quantities import unit
+from ffsi.result.quantities import WORDS, in_table, unit
 
-NAMES = {"wss": "WSS", "tawss": "TAWSS", "osi": "OSI", "rrt": "RRT"}
-_OF_A_PART = re.compile(rf"({'|'.join(NAMES)})_(mean|max|min|peak)_")
-_FLOW = ("flow_rate_in", "flow_rate_out", "mass_balance", "pressure_drop", "dome_inflow", "dome_area", "turnover_time")
-_WALLS = ("effective_stress_max", "dome_displacement_max")
+_OF_A_PART = re.compile(rf"({'|'.join(in_table('parts'))})_(mean|max|min|peak)_")
 _FORM = ".4g"
 
 
@@ -82,7 +79,7 @@ def part_table(result: Result) -> tuple[str, Rows] | None:
     parts: dict[str, None] = {}
     for name in values:
         if (match := _OF_A_PART.match(name)) is not None:
-            columns.setdefault(match.group(), f"{NAMES[match.group(1)]} {match.group(2)}")
+            columns.setdefault(match.group(), f"{WORDS[match.group(1)]} {match.group(2)}")
             parts.setdefault(name.removeprefix(match.group()))
     if not parts:
         return None
@@ -108,7 +105,7 @@ def cycle_table(result: Result) -> Rows | None:
     head = ["cycle", "start (s)", "end (s)"]
     for name in shown:
         family, _, part = name.split("_", 2)
-        head.append(with_unit(f"{NAMES[family]} mean, {part}", name))
+        head.append(with_unit(f"{WORDS[family]} mean, {part}", name))
     head += ["TAWSS change", "OSI change"]
     body = [
         [
@@ -126,7 +123,7 @@ def flow_table(result: Result) -> Rows | None:
     last = result.last_quantities
     if result.data.get("time") is None or "flow_rate_in" not in last:
         return None
-    names = [name for name in last if name in _FLOW or name.startswith(_WALLS)]
+    names = [name for name in last if name in in_table("flow") or name.startswith(in_table("walls"))]
     return Rows(
         ["quantity", "value", "unit"], [[name, cell(last[name], ".8g"), unit(name)] for name in names],
         [False, True, False],

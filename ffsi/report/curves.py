@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import groupby
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from ffsi.result.pictures import FAINT, INK
+from ffsi.result.quantities import QUANTITIES
 
 LINES = ("#1b5e9b", "#c8553d", "#3d8b5f", "#8a5a9e", "#b08a1e", "#4a5560")
 MARKERS = ("o", "s", "^", "D", "v", "P")
@@ -31,26 +33,25 @@ LABELS = {
     "fluid.viscosity": "dynamic viscosity (Pa s)",
     "fluid.density": "fluid density (kg/m³)",
 }
+
+
+def _in_legend(words: str) -> str:
+    return f"${words}$" if "_" in words else words
+
+
 # Title, axis label, and the columns with their names in the legend.
 Panel = tuple[str, str, dict[str, str]]
-PANELS: tuple[Panel, ...] = (
-    ("Drag", "force per depth (N/m)", {"drag": "drag"}),
-    ("Lift", "force per depth (N/m)", {"lift": "lift"}),
-    ("Tip displacement", "displacement (m)", {"tip_ux": "$u_x$", "tip_uy": "$u_y$"}),
-    ("Displacement of the roof's middle", "displacement (m)", {"roof_ux": "$u_x$", "roof_uy": "$u_y$"}),
-    (
-        "Smallest J = det F",
-        "min J",
-        {"min_jacobian_fluid": "fluid mesh", "min_jacobian_solid": "solid", "min_jacobian": "all"},
-    ),
+AXES = {"N/m": "force per depth (N/m)", "m": "displacement (m)", "1": "min J"}
+_DRAWN = [quantity for quantity in QUANTITIES if quantity.plot]
+PANELS: tuple[Panel, ...] = tuple(
+    (plot, AXES[lines[0].unit], {line.name: _in_legend(line.words) for line in lines})
+    for plot, lines in ((plot, list(lines)) for plot, lines in groupby(_DRAWN, lambda quantity: quantity.plot))
 )
 # Over time: title, axis label, column.
-TIME_PANELS = (
-    ("Drag", "force per depth (N/m)", "drag"),
-    ("Lift", "force per depth (N/m)", "lift"),
-    ("Tip displacement $u_x$", "displacement (m)", "tip_ux"),
-    ("Tip displacement $u_y$", "displacement (m)", "tip_uy"),
-    ("Smallest J = det F", "min J", "min_jacobian"),
+TIME_PANELS = tuple(
+    (f"{item.plot} {_in_legend(item.words)}" if item.unit == "m" else item.plot, AXES[item.unit], item.name)
+    for item in _DRAWN
+    if "sweep" in item.tables
 )
 ZOOMED = 2
 """Periods in the enlarged part of a history."""

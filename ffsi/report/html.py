@@ -27,7 +27,7 @@ from ffsi.result import pictures
 from ffsi.result.evaluation import Notes, attempt, words
 from ffsi.result.in_time import last_period, with_coefficients
 from ffsi.result.published import references_for
-from ffsi.result.quantities import flatten, published_value, unit
+from ffsi.result.quantities import flatten, in_table, published_value, unit
 from ffsi.result.table import TABLE, problems, row
 from ffsi.result.words import OUTCOMES, tally, time_line
 from ffsi.script.render import package_version
@@ -233,8 +233,7 @@ def _table(directory: Path, results: Sequence[Result], keys: Sequence[str]) -> p
 
 
 def _points(table: pd.DataFrame, keys: Sequence[str]) -> Rows:
-    wanted = [*keys, "status", "checked", "drag", "lift", "drag_coefficient", "lift_coefficient", "tip_ux", "tip_uy"]
-    wanted += ["roof_ux", "roof_uy"]
+    wanted = [*keys, "status", "checked", *in_table("points")]
     jacobians = [str(name) for name in table if str(name).startswith("min_jacobian")]
     wanted += [*(name for name in jacobians if not name.endswith(("_x", "_y"))), "check_maximum", "seconds"]
     wanted += [*(str(name) for name in table if str(name).startswith("reached_")), "warnings", "not_evaluated"]

@@ -1,8 +1,9 @@
-"""Names of quantities: their units, flat forms and published values."""
+"""The registry of quantities: name, unit, words, tables and plots; their flat forms and published values."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 from ffsi.result.published import Reference
@@ -13,30 +14,62 @@ CHECKED = (
     "quantities_difference",
 )
 
-UNITS = {
-    "drag": "N/m",
-    "lift": "N/m",
-    "pressure_drop": "Pa",
-    "pressure_difference": "Pa",
-    "outlet_pressure": "Pa",
-    "flow_rate_in": "m²/s",
-    "flow_rate_out": "m²/s",
-    "dome_inflow": "m²/s",
-    "dome_area": "m²",
-    "turnover_time": "s",
-    "dome_displacement_max": "m",
-}
-FAMILIES = {
-    "drag_coefficient": "1",
-    "lift_coefficient": "1",
-    "drag_": "N/m",
-    "lift_": "N/m",
-    "wss_": "Pa",
-    "tawss_": "Pa",
-    "rrt_": "1/Pa",
-    "effective_stress_": "Pa",
-}
-"""Units of quantities that exist for several parts, by how their names begin."""
+
+@dataclass(frozen=True)
+class Quantity:
+    """A quantity of a result, and where people see it.
+
+    Attributes:
+        name: as in `result.json`; with a part of the scene behind it (`drag_beam`, `wss_mean_dome`), it is the same.
+        unit: `1` without dimension.
+        words: what legends and heads of tables call it.
+        plot: title of the plot in which it is a line; empty: of none.
+        tables: `sweep` that of the terminal, `points` that of the report; `flow`, `walls` and `parts` those of blood.
+    """
+
+    name: str
+    unit: str
+    words: str = ""
+    plot: str = ""
+    tables: tuple[str, ...] = ()
+
+
+_BOTH, _POINTS, _FLOW, _PARTS = ("sweep", "points"), ("points",), ("flow",), ("parts",)
+_TIP, _ROOF, _JACOBIAN = "Tip displacement", "Displacement of the roof's middle", "Smallest J = det F"
+QUANTITIES = (
+    Quantity("drag", "N/m", "drag", "Drag", _BOTH),
+    Quantity("lift", "N/m", "lift", "Lift", _BOTH),
+    Quantity("drag_coefficient", "1", "drag", tables=_POINTS),
+    Quantity("lift_coefficient", "1", "lift", tables=_POINTS),
+    Quantity("tip_ux", "m", "u_x", _TIP, _BOTH),
+    Quantity("tip_uy", "m", "u_y", _TIP, _BOTH),
+    Quantity("roof_ux", "m", "u_x", _ROOF, _POINTS),
+    Quantity("roof_uy", "m", "u_y", _ROOF, _POINTS),
+    Quantity("min_jacobian_fluid", "1", "fluid mesh", _JACOBIAN),
+    Quantity("min_jacobian_solid", "1", "solid", _JACOBIAN),
+    Quantity("min_jacobian", "1", "all", _JACOBIAN, ("sweep",)),
+    Quantity("pressure_difference", "Pa", "Δp"),
+    Quantity("outlet_pressure", "Pa"),
+    Quantity("flow_rate_in", "m²/s", tables=_FLOW),
+    Quantity("flow_rate_out", "m²/s", tables=_FLOW),
+    Quantity("mass_balance", "1", tables=_FLOW),
+    Quantity("pressure_drop", "Pa", tables=_FLOW),
+    Quantity("dome_inflow", "m²/s", tables=_FLOW),
+    Quantity("dome_area", "m²", tables=_FLOW),
+    Quantity("turnover_time", "s", tables=_FLOW),
+    Quantity("effective_stress_max", "Pa", tables=("walls",)),
+    Quantity("dome_displacement_max", "m", tables=("walls",)),
+    Quantity("wss", "Pa", "WSS", tables=_PARTS),
+    Quantity("tawss", "Pa", "TAWSS", tables=_PARTS),
+    Quantity("osi", "1", "OSI", tables=_PARTS),
+    Quantity("rrt", "1/Pa", "RRT", tables=_PARTS),
+)
+WORDS = {quantity.name: quantity.words for quantity in QUANTITIES}
+
+
+def in_table(table: str) -> tuple[str, ...]:
+    """Return the names of the quantities that a table has (`Quantity.tables`)."""
+    return tuple(quantity.name for quantity in QUANTITIES if table in quantity.tables)
 
 
 def flatten(quantities: Mapping[str, Any]) -> dict[str, float]:
@@ -68,7 +101,6 @@ def unit(quantity: str) -> str:
     if quantity.endswith("_change"):
         return "1"
     name = quantity.removesuffix("_mean").removesuffix("_amplitude")
-    for start, name_unit in FAMILIES.items():
-        if name.startswith(start):
-            return name_unit
-    return "m" if name.endswith(("_ux", "_uy", "_x", "_y")) else UNITS.get(name, "1")
+    known = [item for item in QUANTITIES if f"{name}_".startswith(f"{item.name}_")]
+    found = max(known, key=lambda item: len(item.name)).unit if known else "1"
+    return "m" if found == "1" and name.endswith(("_ux", "_uy", "_x", "_y")) else found

@@ -9,17 +9,11 @@ from functools import cache
 from pathlib import Path
 
 from ffsi.result.published import references
+from ffsi.result.quantities import WORDS
 
 # Quantities that have references, and their column in the tables.
-COLUMNS = {
-    "tip_ux": "u_x",
-    "tip_uy": "u_y",
-    "drag": "drag",
-    "lift": "lift",
-    "drag_coefficient": "drag",
-    "lift_coefficient": "lift",
-    "pressure_difference": "Δp",
-}
+NAMES = ("tip_ux", "tip_uy", "drag", "lift", "drag_coefficient", "lift_coefficient", "pressure_difference")
+COLUMNS = {name: WORDS[name] for name in NAMES}
 FURTHER = Path(__file__).parents[1] / "data" / "further_values.csv"
 
 
