@@ -1,18 +1,20 @@
 """Formulas in a scene, such as an inflow profile: parsed against an allow-list, never executed as text.
 
-The text is read by Python's parser into a tree; every node must be on the list below. Values come from an
-interpreter over the tree, FreeFEM text is printed from the tree. Nothing of the user's text reaches either.
+The text is read by Python's parser into a tree; every node must be on the list below. The tree that was checked is
+compiled for values, with the names below and no others, and printed as FreeFEM text. Nothing of the user's text is.
 """
 
 from __future__ import annotations
 
 import ast
+import copy
 import functools
 import math
 import re
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from types import CodeType
 from typing import Any
 
 import numpy as np
@@ -26,13 +28,7 @@ MAX_EXPONENT = 16.0
 
 Values = NDArray[np.float64]
 
-_OPERATORS: dict[type[ast.operator], tuple[str, Callable[[Any, Any], Any]]] = {
-    ast.Add: ("+", np.add),
-    ast.Sub: ("-", np.subtract),
-    ast.Mult: ("*", np.multiply),
-    ast.Div: ("/", np.divide),
-    ast.Pow: ("^", np.power),
-}
+_OPERATORS: dict[type[ast.operator], str] = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.Pow: "^"}
 _FUNCTIONS: dict[str, Callable[[Any], Any]] = {
     "sin": np.sin,
     "cos": np.cos,
@@ -45,6 +41,13 @@ _FUNCTIONS: dict[str, Callable[[Any], Any]] = {
 }
 _EXTREMA: dict[str, Callable[[Any, Any], Any]] = {"min": np.minimum, "max": np.maximum}
 _CONSTANTS = {"pi": math.pi}
+_NAMES: dict[str, Any] = {
+    **_FUNCTIONS,
+    **{name: lambda *values, of=of: functools.reduce(of, values) for name, of in _EXTREMA.items()},
+    **{name: np.float64(value) for name, value in _CONSTANTS.items()},
+    "number": np.float64,
+    "__builtins__": {},
+}
 _FORBIDDEN_CHARACTER = re.compile(r"[^A-Za-z0-9_ .+\-*/^(),]")
 _FREEFEM_NAME = re.compile(r"[A-Za-z][A-Za-z0-9]*")
 
@@ -93,10 +96,14 @@ class Expression:
         if set(values) != set(self.variables):
             raise TypeError(f"values for {quoted(self.variables)} are needed, got {quoted(values)}")
         arrays = np.broadcast_arrays(*(np.asarray(value, dtype=np.float64) for value in values.values()))
-        known: dict[str, Values] = dict(zip(values, arrays, strict=True))
+        known: dict[str, object] = dict(zip(values, arrays, strict=True))
         shape = arrays[0].shape if arrays else ()
         with np.errstate(all="ignore"):
-            return np.array(np.broadcast_to(_value(self._tree, known), shape), dtype=np.float64)
+            return np.array(np.broadcast_to(eval(self._code, _NAMES, known), shape), dtype=np.float64)
+
+    @functools.cached_property
+    def _code(self) -> CodeType:
+        return _compiled(self._tree)
 
     def to_freefem(self, rename: Mapping[str, str] | None = None) -> str:
         """Return the formula as FreeFEM text.
@@ -185,7 +192,7 @@ def _check_exponent(node: ast.expr, variables: tuple[str, ...]) -> None:
     if any(isinstance(inner, ast.Name) and inner.id in variables for inner in ast.walk(node)):
         raise ExpressionError("an exponent must be a constant")
     with np.errstate(all="ignore"):
-        exponent = float(_value(node, {}))
+        exponent = float(eval(_compiled(node), _NAMES))
     if not abs(exponent) <= MAX_EXPONENT:
         raise ExpressionError(
             f"the exponent {number_text(exponent)} is too large, at most {number_text(MAX_EXPONENT)} is accepted"
@@ -204,21 +211,18 @@ def _number(node: ast.Constant) -> float:
     return number
 
 
-def _value(node: ast.expr, known: Mapping[str, Values]) -> Any:
-    match node:
-        case ast.Constant():
-            return np.float64(_number(node))
-        case ast.Name(id=name):
-            return known[name] if name in known else np.float64(_CONSTANTS[name])
-        case ast.UnaryOp(op=operator, operand=operand):
-            value = _value(operand, known)
-            return -value if isinstance(operator, ast.USub) else value
-        case ast.BinOp(left=left, op=operator, right=right):
-            return _OPERATORS[type(operator)][1](_value(left, known), _value(right, known))
-        case ast.Call(func=ast.Name(id=name), args=arguments):
-            values = [_value(argument, known) for argument in arguments]
-            return functools.reduce(_EXTREMA[name], values) if name in _EXTREMA else _FUNCTIONS[name](values[0])
-    raise AssertionError(f"unchecked node {type(node).__name__}")
+class _Numbers(ast.NodeTransformer):
+    """Makes every number one of numpy's: they divide by zero and overflow without an exception."""
+
+    def visit_Constant(self, node: ast.Constant) -> ast.Call:
+        """Return the call that makes it."""
+        return ast.Call(ast.Name("number", ast.Load()), [ast.Constant(_number(node))], [])
+
+
+def _compiled(tree: ast.expr) -> CodeType:
+    """Return the code of a tree that was checked."""
+    numbers = _Numbers().visit(copy.deepcopy(tree))
+    return compile(ast.fix_missing_locations(ast.Expression(numbers)), "<formula>", "eval")
 
 
 def _freefem(node: ast.expr, identifiers: Mapping[str, str]) -> str:
@@ -236,7 +240,7 @@ def _freefem(node: ast.expr, identifiers: Mapping[str, str]) -> str:
             rank = _rank(node)
             # Same rank on the right needs brackets; powers get them on both sides.
             first = _bracket(left, identifiers, rank + 1 if isinstance(operator, ast.Pow) else rank)
-            return f"{first} {_OPERATORS[type(operator)][0]} {_bracket(right, identifiers, rank + 1)}"
+            return f"{first} {_OPERATORS[type(operator)]} {_bracket(right, identifiers, rank + 1)}"
         case ast.Call(func=ast.Name(id=name), args=arguments):
             texts = [_freefem(argument, identifiers) for argument in arguments]
             if name in _EXTREMA:  # of two at a time
