@@ -58,7 +58,7 @@ INTRODUCTION = (
 )
 REASON = (
     "ν 0.4999: the published 6.9083 is what bilinear elements give on 50 to 65 elements per side, still rising there; "
-    "quadratic ones, by two solvers, for two energies and for J = 1, meet at 6.934 to 6.936 (ffsi/data/README.md)."
+    "quadratic ones, by two solvers, for two energies and for J = 1, meet at 6.934 to 6.936 (studies/data/README.md)."
 )
 
 

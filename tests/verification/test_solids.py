@@ -1,6 +1,6 @@
 """Solids alone, by `make verify`: Cook's membrane beside published values, the cantilever beside the elastica.
 
-What is known of each case is in studies/data/further_values.csv, and what is wrong with it in ffsi/data/README.md.
+What is known of each case is in studies/data/further_values.csv, and what is wrong with it in studies/data/README.md.
 """
 
 import dataclasses
@@ -97,7 +97,7 @@ def test_nearly_incompressible_membrane_agrees_with_the_independent_solver(measu
 
 
 def test_nearly_incompressible_membrane_differs_from_the_published_value(measured):
-    """Which is 0.37 % below it: ffsi/data/README.md says what was tried. Every mesh of both solvers is above it."""
+    """Which is 0.37 % below it: studies/data/README.md says what was tried. Every mesh of both solvers is above it."""
     run = measured(cook.NEARLY_INCOMPRESSIBLE, 2)
     (source,) = run.compared
     assert source.error("tip_uy", run.value("tip_uy")) == pytest.approx(0.37e-2, abs=0.03e-2)
