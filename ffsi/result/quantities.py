@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -70,6 +71,12 @@ WORDS = {quantity.name: quantity.words for quantity in QUANTITIES}
 def in_table(table: str) -> tuple[str, ...]:
     """Return the names of the quantities that a table has (`Quantity.tables`)."""
     return tuple(quantity.name for quantity in QUANTITIES if table in quantity.tables)
+
+
+def check_maximum(data: Mapping[str, Any]) -> float:
+    """Return the largest number of the independent checker in the content of a `result.json`; NaN if it did not run."""
+    numbers = ((data.get("check") or {}).get(name) for name in CHECKED)
+    return max((float(number) for number in numbers if isinstance(number, (int, float))), default=math.nan)
 
 
 def flatten(quantities: Mapping[str, Any]) -> dict[str, float]:

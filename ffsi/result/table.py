@@ -15,7 +15,7 @@ from ffsi.files import folder
 from ffsi.files.errors import InputError
 from ffsi.result import definition
 from ffsi.result.evaluation import words
-from ffsi.result.quantities import CHECKED, flatten
+from ffsi.result.quantities import check_maximum, flatten
 from ffsi.result.result import PlainResult
 
 Values = dict[str, float]
@@ -44,7 +44,7 @@ def points(vary: Mapping[str, Sequence[float]]) -> list[Values]:
 
 def row(result: PlainResult, values: Values, directory: Path) -> dict[str, Any]:
     """Return the table's row of one point."""
-    numbers = [value for name in CHECKED if isinstance(value := result.data.get("check", {}).get(name), (int, float))]
+    worst = check_maximum(result.data)
     return {
         **values,
         "status": result.status,
@@ -54,7 +54,7 @@ def row(result: PlainResult, values: Values, directory: Path) -> dict[str, Any]:
         "warnings": "; ".join(result.warnings),
         **flatten(result.quantities),
         **{f"reached_{name}": value for name, value in result.reached.items()},
-        "check_maximum": max(numbers, default=None),
+        "check_maximum": None if math.isnan(worst) else worst,
         **({"not_evaluated": "; ".join(map(words, result.not_evaluated))} if result.not_evaluated else {}),
         "seconds": result.data.get("timings", {}).get("total"),
         "folder": os.path.relpath(result.directory, directory),

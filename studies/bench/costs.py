@@ -12,7 +12,7 @@ from ffsi.hemodynamics.result import Result
 from ffsi.scene import load_scene
 from studies.harness import solved
 from studies.tables import number
-from studies.verification import Measurement
+from studies.verification.runs import Measurement
 
 SOLVER = ("residual", "jacobian", "factorize", "solve")
 WORDS = {"jacobian": "Jacobian", "factorize": "factorise"}  # phases that are called otherwise in tables

@@ -17,16 +17,9 @@ from ffsi.result.pictures import FAINT, INK, to_png
 from ffsi.scene import load_scene
 from studies.bench.costs import RATIOS, cost_row, marked
 from studies.harness import Study
-from studies.verification import (
-    COLUMNS,
-    Measurement,
-    ReferenceSet,
-    TextTable,
-    measure,
-    number,
-    percent,
-    reference_sets,
-)
+from studies.tables import TextTable, number, percent
+from studies.verification.runs import Measurement, measure
+from studies.verification.sources import COLUMNS, ReferenceSet, reference_sets
 
 BOUNDS = (
     "The bounds are meant for about 30 000 unknowns (level 2); `!` marks what is above them. Level 0 starts from rest, "

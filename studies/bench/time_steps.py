@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ffsi.scene import Scene, load_scene
-from studies.verification import NOTHING, TextTable, number, percent
+from studies.tables import NOTHING, TextTable, number, percent
 from studies.verification.periodic_cases import PLAIN
 from studies.verification.periodic_runs import TimeRun, run_all
 

@@ -29,7 +29,7 @@ from ffsi.script.render import render
 from studies.bench import time_steps
 from studies.bench.costs import SOLVER, WORDS, marked
 from studies.harness import Study
-from studies.verification import TextTable, number
+from studies.tables import TextTable, number
 from studies.verification.periodic_cases import PLAIN
 from studies.verification.periodic_runs import TimeRun, run_one
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from ffsi.hemodynamics.parts import NECK_ZONE, PARTS
 from ffsi.hemodynamics.result import Result
-from studies.verification import NOTHING, TextTable, number
+from studies.tables import NOTHING, TextTable, number
 
 if TYPE_CHECKING:
     from studies.verification.aneurysm import AneurysmVariant

@@ -13,7 +13,7 @@ from studies.paper.cases import MEAN_VELOCITY, Curve, PaperCase
 from studies.paper.pictures import FIELDS, file_name
 from studies.paper.statements import statements
 from studies.paper.sweeps import NOT_REACHED, Outcome
-from studies.verification import NOTHING, TextTable, number
+from studies.tables import NOTHING, TextTable, number
 
 INTRODUCTION = (
     "Sections 5.1 to 5.3 and figures 3 to 14 of *Finite Element Method for Strongly Coupled Fluid-Structure "

@@ -19,6 +19,7 @@ from ffsi.freefem import FreeFEMError, FreeFEMNotFound, find_freefem
 from ffsi.freefem.events import OnEvent
 from ffsi.hemodynamics.result import load_result
 from ffsi.result.in_time import RESUMABLE
+from ffsi.result.quantities import check_maximum
 from ffsi.run.solve import solve
 from ffsi.scene import Scene, SceneError, load_scene
 from ffsi.script.render import render
@@ -87,8 +88,7 @@ class TimeRun:
     @property
     def check_maximum(self) -> float:
         """Largest number of the reference checker; NaN if it did not run."""
-        found = [value for value in (self.data.get("check") or {}).values() if isinstance(value, (int, float))]
-        return max(found, default=math.nan)
+        return check_maximum(self.data)
 
     def _per_step(self, name: str) -> float:
         count = (self.data.get("newton") or {}).get(name)

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from ffsi.result.quantities import check_maximum
 from ffsi.scene import load_scene
 from studies.harness import solved
 from studies.tables import number
@@ -66,8 +67,7 @@ class Measurement:
     @property
     def check_maximum(self) -> float:
         """Largest number of the reference checker (relative residuals and differences); NaN if it did not run."""
-        numbers = [value for value in (self.data.get("check") or {}).values() if isinstance(value, (int, float))]
-        return max(numbers, default=float("nan"))
+        return check_maximum(self.data)
 
     @property
     def compared(self) -> list[ReferenceSet]:

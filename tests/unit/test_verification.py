@@ -10,28 +10,13 @@ from scipy.special import ellipeinc, ellipkinc
 from ffsi.files.errors import InputError
 from ffsi.freefem import FreeFEMError, FreeFEMNotFound
 from ffsi.scene import load_scene
-from studies import verification
-from studies.tables import size
-from studies.verification import (
-    CAVITY,
-    SECTIONS,
-    Measurement,
-    ReferenceSet,
-    TextTable,
-    Variant,
-    cavity_table,
-    cook,
-    elastica,
-    error_table,
-    flaps,
-    number,
-    percent,
-    reference_sets,
-    replace_block,
-    runs,
-    short,
-    to_frame,
-)
+from studies.harness import replace_block
+from studies.tables import TextTable, number, percent, size
+from studies.verification import command, cook, elastica, flaps, runs
+from studies.verification.benchmarks import CAVITY, cavity_table, error_table, short
+from studies.verification.command import SECTIONS, to_frame
+from studies.verification.runs import Measurement, Variant, measure
+from studies.verification.sources import ReferenceSet, reference_sets
 
 README = "before\n<!-- verification:begin -->\nold\n<!-- verification:end -->\nafter\n"
 ALL_BLOCKS = "".join(f"<!-- {s.block}:begin -->\nold\n<!-- {s.block}:end -->\n" for s in SECTIONS)
@@ -166,7 +151,7 @@ def test_markers_must_be_there_once_and_in_order(text):
 def test_everything_is_written(tmp_path, calls, capsys):
     readme = tmp_path / "README.md"
     readme.write_text(f"before\n{ALL_BLOCKS}after\n")
-    assert set(verification.main(None, tmp_path / "results", readme)) == {""}
+    assert set(command.main(None, tmp_path / "results", readme)) == {""}
     levels = {key: [level for *found, level in calls if tuple(found) == key] for key in {call[:2] for call in calls}}
     assert levels["turek-fsi1", ""] == levels["flap-mooney-rivlin-roof", "inflow-0.055"] == [0, 1, 2, 3, 4]
     assert levels[CAVITY, ""] == levels["cook", "incompressible"] == levels["cantilever", "load-10"] == [0, 1, 2, 3]
@@ -193,7 +178,7 @@ def test_everything_is_written(tmp_path, calls, capsys):
 def test_the_readme_may_show_the_first_section_only(tmp_path, calls):
     readme = tmp_path / "README.md"
     readme.write_text(README)
-    assert set(verification.main([1], None, readme)) == {""}
+    assert set(command.main([1], None, readme)) == {""}
     text = readme.read_text()
     assert "| turek-fsi1 | hp | 1 |" in text
     assert "elastica" not in text
@@ -202,12 +187,12 @@ def test_the_readme_may_show_the_first_section_only(tmp_path, calls):
 def test_chosen_levels_are_named_and_a_failed_run_leaves_the_readme_alone(tmp_path, calls, monkeypatch, capsys):
     readme = tmp_path / "README.md"
     readme.write_text(ALL_BLOCKS)
-    assert set(verification.main([1], tmp_path, readme)) == {""}
+    assert set(command.main([1], tmp_path, readme)) == {""}
     assert "`python -m studies verify --levels 1`" in readme.read_text()
     assert {level for *_, level in calls} == {1}
     readme.write_text(ALL_BLOCKS)
     monkeypatch.setattr(runs, "measure", failed)
-    assert set(verification.main([1], None, readme)) == {"crash"}
+    assert set(command.main([1], None, readme)) == {"crash"}
     assert readme.read_text() == ALL_BLOCKS
     assert "stays as it is" in capsys.readouterr().err
 
@@ -215,14 +200,14 @@ def test_chosen_levels_are_named_and_a_failed_run_leaves_the_readme_alone(tmp_pa
 def test_outputs_are_refused_before_anything_runs(tmp_path, calls):
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="is a file"):
-        verification.main([0], tmp_path / "file")
+        command.main([0], tmp_path / "file")
     with pytest.raises(InputError, match="there is no file"):
-        verification.main([0], None, tmp_path / "README.md")
+        command.main([0], None, tmp_path / "README.md")
     with pytest.raises(InputError, match="file: the text needs"):
-        verification.main([0], None, tmp_path / "file")
+        command.main([0], None, tmp_path / "file")
     (tmp_path / "file").write_text(README + "<!-- cook:begin -->")
     with pytest.raises(InputError, match="file: the text needs one line <!-- cook:begin -->"):
-        verification.main([0], None, tmp_path / "file")
+        command.main([0], None, tmp_path / "file")
     assert calls == []
 
 
@@ -234,14 +219,14 @@ def test_a_process_that_dies_is_a_measurement_but_a_missing_freefem_ends_everyth
         raise FreeFEMNotFound("missing-binary", "no FreeFem++")
 
     monkeypatch.setattr("studies.harness.solve", dies)
-    assert verification.measure("turek-cfd1", 0).failure == "crash"
-    assert verification.measure("cook", 0, cook.NEO_HOOKEAN).variant == "neo-hookean"
+    assert measure("turek-cfd1", 0).failure == "crash"
+    assert measure("cook", 0, cook.NEO_HOOKEAN).variant == "neo-hookean"
     said = capsys.readouterr().err
     assert "turek-cfd1 level 0: FreeFEM, killed: signal 9" in said
     assert "cook neo-hookean level 0: FreeFEM, killed: signal 9" in said
     monkeypatch.setattr("studies.harness.solve", missing)
     with pytest.raises(FreeFEMNotFound):
-        verification.measure("turek-cfd1", 0)
+        measure("turek-cfd1", 0)
 
 
 # Variants of cases ----------------------------------------------------------------------------------------------------

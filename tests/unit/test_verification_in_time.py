@@ -16,10 +16,11 @@ from ffsi.result.published import references
 from ffsi.result.quantities import published_value
 from ffsi.run import watch
 from ffsi.scene import CASES
-from studies.verification import blood, hard, long, periodic, periodic_runs, reference_sets
+from studies.verification import blood, hard, long, periodic, periodic_runs
 from studies.verification.periodic_cases import PERIODIC_CASES, PeriodicRun
 from studies.verification.periodic_output import Outcome, case_table, marked
 from studies.verification.periodic_runs import TimeRun, run_all
+from studies.verification.sources import reference_sets
 
 BY_NAME = {case.name: case for case in PERIODIC_CASES}
 BOUNDS = {  # in per cent
