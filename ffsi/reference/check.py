@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ffsi.files.arrays import Floats, Ints, RawMesh, RawState, read_mesh, read_state
-from ffsi.files.shapes import read_table
+from ffsi.files.json_types import read_table
 from ffsi.files.steps import WINDKESSEL, read_steps
 from ffsi.reference.forces import Forces, compute_forces
 from ffsi.reference.from_scene import problem_from_scene, refuse_other_parameters, refuse_other_step, theta_of

@@ -18,8 +18,8 @@ from numpy.typing import ArrayLike
 from ffsi.files import folder, seals
 from ffsi.files.errors import InputError
 from ffsi.files.history import read_history
+from ffsi.files.json_types import refuse_other_types
 from ffsi.files.reading import read_frame
-from ffsi.files.shapes import refuse_other_types
 from ffsi.files.steps import SavedStep, read_saved_steps
 from ffsi.result import vtu
 from ffsi.result.domain import meshed

@@ -13,7 +13,7 @@ import pandas as pd
 
 from ffsi.files import folder
 from ffsi.files.errors import InputError
-from ffsi.result import definition
+from ffsi.result import sweep_definition
 from ffsi.result.evaluation import words
 from ffsi.result.quantities import check_maximum, flatten
 from ffsi.result.result import PlainResult
@@ -83,7 +83,7 @@ def problems(directory: Path) -> list[str]:
     results = PlainResult.load_all(directory, believe=True)
     again = "; the same call of ffsi sweep mends it"
     try:
-        vary = definition.read(directory)["vary"]
+        vary = sweep_definition.read(directory)["vary"]
         known = {tuple(result.data["varied"][key] for key in vary): result for result in results}
         text = frame(directory, list(vary), points(vary), known).to_csv(index=False).encode("utf-8")
         path = directory / TABLE

@@ -12,7 +12,7 @@ from typing import Any
 
 from ffsi.files import folder, machine, seals
 from ffsi.files.errors import InputError
-from ffsi.files.shapes import read_table
+from ffsi.files.json_types import read_table
 from ffsi.freefem import FreeFEMError
 from ffsi.hemodynamics.result import Result
 from ffsi.result import in_time, resolution, vtu

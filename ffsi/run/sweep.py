@@ -19,7 +19,7 @@ from ffsi.files.errors import InputError
 from ffsi.freefem import find_freefem, stop_all
 from ffsi.freefem.events import OnEvent
 from ffsi.hemodynamics.result import Result
-from ffsi.result import definition, in_time
+from ffsi.result import in_time, sweep_definition
 from ffsi.result.table import TABLE, Values, check_count, frame, points
 from ffsi.run.chain import OnResult, run_chain
 from ffsi.run.harvest import chains_of, harvest, points_of
@@ -101,12 +101,12 @@ def sweep(
     scene = scene.settled()  # one script for the points of a chain, also where a default would follow a varied value
     chains = plan(scene, vary)
     directory = Path(out).absolute()
-    defined = definition.define(scene, vary)
+    defined = sweep_definition.define(scene, vary)
     if dask is None:
         find_freefem()
-    with folder.held(directory, lambda path: definition.check(path, defined)):
+    with folder.held(directory, lambda path: sweep_definition.check(path, defined)):
         if not folder.is_sweep_folder(directory):
-            definition.write(directory, defined)
+            sweep_definition.write(directory, defined)
         table = _Table(directory, list(vary), points(vary))
         for chain in chains_of(directory):
             for result in harvest(scene, chain, list(vary), check=check):

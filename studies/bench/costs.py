@@ -11,8 +11,8 @@ import pandas as pd
 from ffsi.hemodynamics.result import Result
 from ffsi.scene import load_scene
 from studies.harness import solved
+from studies.measurement import Measurement
 from studies.tables import number
-from studies.verification.runs import Measurement
 
 SOLVER = ("residual", "jacobian", "factorize", "solve")
 WORDS = {"jacobian": "Jacobian", "factorize": "factorise"}  # phases that are called otherwise in tables

@@ -17,8 +17,8 @@ from ffsi.result.pictures import FAINT, INK, to_png
 from ffsi.scene import load_scene
 from studies.bench.costs import RATIOS, cost_row, marked
 from studies.harness import Study
+from studies.measurement import Measurement, measure
 from studies.tables import TextTable, number, percent
-from studies.verification.runs import Measurement, measure
 from studies.verification.sources import COLUMNS, ReferenceSet, reference_sets
 
 BOUNDS = (

@@ -18,8 +18,8 @@ from ffsi.result.pictures import FAINT, INK, to_small_png
 from ffsi.run.chain import run_chain
 from ffsi.scene import load_scene
 from studies.harness import Study
+from studies.measurement import Measurement
 from studies.tables import NOTHING, TextTable, number
-from studies.verification.runs import Measurement
 
 BLOCK = "mesh-motion"
 CSV, MARKDOWN, PICTURE = "mesh-motion.csv", "mesh-motion.md", "mesh-motion.png"

@@ -14,8 +14,8 @@ from ffsi.files.errors import InputError
 from ffsi.scene import CASES
 from studies.bench.costs import COARSER, RATIOS, SOLVER, WORDS, cost_row, marked, run
 from studies.harness import Study
+from studies.measurement import Measurement
 from studies.tables import TextTable, number
-from studies.verification.runs import Measurement
 
 BLOCK = "bench-scenes"
 SCENES_CSV = "bench-scenes.csv"

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from ffsi.scene import Scene, load_scene
+from studies.kept_runs import TimeRun, run_all
 from studies.tables import NOTHING, TextTable, number, percent
 from studies.verification.periodic_cases import PLAIN
-from studies.verification.periodic_runs import TimeRun, run_all
 
 CASE = "turek-csm3"
 LEVEL, END = 0, 1.0  # s; a little more than a period

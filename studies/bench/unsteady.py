@@ -29,9 +29,9 @@ from ffsi.script.render import render
 from studies.bench import time_steps
 from studies.bench.costs import SOLVER, WORDS, marked
 from studies.harness import Study
+from studies.kept_runs import TimeRun, run_one
 from studies.tables import TextTable, number
 from studies.verification.periodic_cases import PLAIN
-from studies.verification.periodic_runs import TimeRun, run_one
 
 BLOCK = "bench-unsteady"
 CSV, STEPS_CSV = "bench-unsteady.csv", "bench-time-steps.csv"

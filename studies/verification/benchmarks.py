@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 
 from ffsi.scene import CASES
+from studies import measurement
+from studies.measurement import Measurement, Variant
 from studies.tables import TextTable, number, percent
-from studies.verification import runs as running
-from studies.verification.runs import Measurement, Variant
 from studies.verification.section import Part, Section, by_variant
 from studies.verification.sources import COLUMNS, reference_sets
 
@@ -24,7 +24,7 @@ def run(levels: Sequence[int] | None = None) -> list[Measurement]:
         item
         for case in CASES.steady
         if reference_sets(case)
-        for item in running.measure_all([Variant(case)], levels or range(FINEST.get(case, 3) + 1))
+        for item in measurement.measure_all([Variant(case)], levels or range(FINEST.get(case, 3) + 1))
     ]
 
 

@@ -9,11 +9,11 @@ from typing import Protocol
 from ffsi.hemodynamics.result import Result, load_result
 from ffsi.scene import Scene
 from studies.harness import Study
+from studies.kept_runs import TimeRun, run_all
 from studies.verification.aneurysm_cases import ANEURYSM_CASES, level_changes
 from studies.verification.blood_tables import EXPLANATION, TABLES
 from studies.verification.measured import SECONDS, Measured, Row, to_frame
 from studies.verification.oscillating_channel import OSCILLATING_CASES
-from studies.verification.periodic_runs import TimeRun, run_all
 from studies.verification.plane_blood import PLANE_CASES
 from studies.verification.section import markdown
 

@@ -10,11 +10,11 @@ import pandas as pd
 
 from ffsi.cli import show
 from studies.harness import Study, has_block
+from studies.measurement import Measurement
 from studies.verification.benchmarks import BENCHMARKS
 from studies.verification.cook import COOK
 from studies.verification.elastica import ELASTICA
 from studies.verification.flaps import FLAPS
-from studies.verification.runs import Measurement
 from studies.verification.section import Section, markdown
 from studies.verification.sources import COLUMNS
 

@@ -6,9 +6,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
+from studies import measurement
+from studies.measurement import Measurement, Variant
 from studies.tables import NOTHING, TextTable, number, percent, size
-from studies.verification import runs as running
-from studies.verification.runs import Measurement, Variant
 from studies.verification.section import Part, Section, by_variant
 from studies.verification.sources import reference_sets
 
@@ -66,14 +66,14 @@ def run(levels: Sequence[int] | None = None) -> list[Measurement]:
     """Run every variant on `levels`; None: 0 to 3. The displacement form of the last one runs on level 0 only."""
     chosen = levels or LEVELS
     runs = [measure_linear(level) for level in chosen]
-    runs += running.measure_all([NEO_HOOKEAN, INCOMPRESSIBLE, NEARLY_INCOMPRESSIBLE], chosen)
-    return runs + running.measure_all([DISPLACEMENT], [level for level in chosen if level == DISPLACEMENT_LEVEL])
+    runs += measurement.measure_all([NEO_HOOKEAN, INCOMPRESSIBLE, NEARLY_INCOMPRESSIBLE], chosen)
+    return runs + measurement.measure_all([DISPLACEMENT], [level for level in chosen if level == DISPLACEMENT_LEVEL])
 
 
 def measure_linear(level: int) -> Measurement:
     """Run the linear problem: the same at two small loads, extrapolated to none."""
     pair = [
-        running.measure(CASE, level, replace(LINEAR, settings=(*LINEAR.settings, f"traction.y={load!r}")))
+        measurement.measure(CASE, level, replace(LINEAR, settings=(*LINEAR.settings, f"traction.y={load!r}")))
         for load in SMALL_LOADS
     ]
     return extrapolated(*pair)

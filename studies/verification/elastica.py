@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
+from studies import measurement
+from studies.measurement import Measurement, Variant
 from studies.tables import TextTable, number, percent
-from studies.verification import runs as running
-from studies.verification.runs import Measurement, Variant
 from studies.verification.section import Part, Section, by_variant
 from studies.verification.sources import reference_sets
 
@@ -26,7 +26,7 @@ def run(levels: Sequence[int] | None = None) -> list[Measurement]:
     Each run starts from rest on its coarsest mesh, where the many steps towards a large load cost least: a sweep over
     the loads on a fine mesh would take them there.
     """
-    return running.measure_all(VARIANTS, levels or LEVELS)
+    return measurement.measure_all(VARIANTS, levels or LEVELS)
 
 
 def load_table(runs: Iterable[Measurement]) -> TextTable:

@@ -6,9 +6,9 @@ import math
 from collections.abc import Iterable, Sequence
 from itertools import pairwise
 
+from studies import measurement
+from studies.measurement import Measurement, Variant
 from studies.tables import NOTHING, TextTable, number, size
-from studies.verification import runs as running
-from studies.verification.runs import Measurement, Variant
 from studies.verification.section import Part, Section, by_variant
 
 CASES = ("flap-neo-hookean", "flap-mooney-rivlin", "flap-neo-hookean-roof", "flap-mooney-rivlin-roof")
@@ -23,7 +23,7 @@ INTRODUCTION = (
 
 def run(levels: Sequence[int] | None = None) -> list[Measurement]:
     """Run every flap on `levels`; None: 0 to 4."""
-    return running.measure_all(VARIANTS, levels or LEVELS)
+    return measurement.measure_all(VARIANTS, levels or LEVELS)
 
 
 def tip_difference(coarse: Measurement, fine: Measurement) -> float:

@@ -26,8 +26,8 @@ from ffsi.run.sweep import sweep
 from ffsi.scene import Scene, SceneError
 from ffsi.script.render import render
 from studies.harness import side_by_side
+from studies.kept_runs import run_one
 from studies.verification.hard_entries import Entry
-from studies.verification.periodic_runs import run_one
 
 REFUSED, ERROR = "refused", "error"
 """Failures beside those of a Result: a scene that is not accepted; a fault of the program."""

@@ -20,11 +20,11 @@ from ffsi.result.oscillation import Oscillation, blocks
 from ffsi.result.pictures import to_small_png
 from ffsi.scene import CASES, Scene, load_scene
 from studies.harness import Study
+from studies.kept_runs import TimeRun, run_all
 from studies.tables import NOTHING, TextTable, number, percent
 from studies.verification.periodic import RUNS
 from studies.verification.periodic_cases import PLAIN
 from studies.verification.periodic_output import COSTS_TEXT, cost_cells, cost_head, marked
-from studies.verification.periodic_runs import TimeRun, run_all
 
 BLOCK = "long"
 CSV, MARKDOWN = "long.csv", "long.md"

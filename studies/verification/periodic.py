@@ -7,9 +7,9 @@ from pathlib import Path
 
 from ffsi.result.pictures import to_small_png
 from studies.harness import Study
+from studies.kept_runs import run_all
 from studies.verification.periodic_cases import LARGEST, PERIODIC_CASES, PeriodicCase
 from studies.verification.periodic_output import COSTS_TEXT, Outcome, case_table, draw, to_frame
-from studies.verification.periodic_runs import run_all
 from studies.verification.section import markdown
 
 BLOCK = "verification-unsteady"

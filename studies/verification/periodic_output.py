@@ -17,9 +17,9 @@ from ffsi.result.in_time import last_period
 from ffsi.result.oscillation import reference_column
 from ffsi.result.pictures import FAINT, INK
 from ffsi.result.published import references
+from studies.kept_runs import TimeRun
 from studies.tables import NOTHING, TextTable, number, percent
 from studies.verification.periodic_cases import LARGEST, PeriodicCase, PeriodicRun
-from studies.verification.periodic_runs import TimeRun
 
 COSTS_TEXT = (
     "t: where the run ended, with `!` if that was not where it should end. Seconds: processor time of the script, one "

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
+from studies.measurement import Measurement
 from studies.tables import TextTable
-from studies.verification.runs import Measurement
 
 Part = str | TextTable
 

@@ -9,8 +9,8 @@ from run_folders import FakeCheck, FakeFreeFEM
 from time_folders import FakeTimeFreeFEM
 
 from ffsi.run import chain, execute, solve, sweep, watch
+from studies import kept_runs
 from studies.bench import unsteady as bench_unsteady
-from studies.verification import periodic_runs
 
 # A shell that starts the tests in the background ignores SIGINT, and so would the processes that they interrupt.
 signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -30,9 +30,9 @@ def freefem(monkeypatch) -> FakeFreeFEM:
 def in_time(monkeypatch) -> FakeTimeFreeFEM:
     fake = FakeTimeFreeFEM()
     monkeypatch.setattr(execute, "run_script", fake.run_script)
-    for module in (solve, chain, sweep, periodic_runs, bench_unsteady):
+    for module in (solve, chain, sweep, kept_runs, bench_unsteady):
         monkeypatch.setattr(module, "find_freefem", lambda: SimpleNamespace(has_mumps=True))
-    for module in (execute, periodic_runs, bench_unsteady):
+    for module in (execute, kept_runs, bench_unsteady):
         monkeypatch.setattr(module, "render", lambda scene, mumps: f"// {scene.name}, MUMPS {mumps}\n")
     monkeypatch.setattr(watch, "LOOK_EVERY", 0.0)
     monkeypatch.setattr(watch, "SHARE", math.inf)

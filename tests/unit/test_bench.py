@@ -15,7 +15,7 @@ from studies.bench.costs import RATIOS, cost_row, marked, ratios
 from studies.bench.levels import level_table, ratio_table, to_row
 from studies.bench.mesh_motion import MOTIONS, SWEEPS, Motion, Sweep, Track, steps
 from studies.bench.scenes import FORMULATIONS, formulation_rows, formulation_table, scene_table
-from studies.verification.runs import Measurement
+from studies.measurement import Measurement
 
 TIMINGS = {
     "mesh": 0.1, "operators": 0.3, "residual": 0.05, "jacobian": 0.35, "factorize": 0.5, "solve": 0.1, "output": 0.15,

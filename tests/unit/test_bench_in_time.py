@@ -14,7 +14,7 @@ from ffsi.scene import load_scene
 from studies.bench import time_steps
 from studies.bench import unsteady as bench
 from studies.bench.time_steps import FINEST
-from studies.verification.periodic_runs import TimeRun
+from studies.kept_runs import TimeRun
 
 README = "<!-- bench-unsteady:begin -->\nold\n<!-- bench-unsteady:end -->\n"
 SETTINGS = ("mesh.level=0", "inflow.ramp=0.1", "time.checkpoint_interval=0.25")

@@ -10,12 +10,13 @@ from scipy.special import ellipeinc, ellipkinc
 from ffsi.files.errors import InputError
 from ffsi.freefem import FreeFEMError, FreeFEMNotFound
 from ffsi.scene import load_scene
+from studies import measurement
 from studies.harness import replace_block
+from studies.measurement import Measurement, Variant, measure
 from studies.tables import TextTable, number, percent, size
-from studies.verification import command, cook, elastica, flaps, runs
+from studies.verification import command, cook, elastica, flaps
 from studies.verification.benchmarks import CAVITY, cavity_table, error_table, short
 from studies.verification.command import SECTIONS, to_frame
-from studies.verification.runs import Measurement, Variant, measure
 from studies.verification.sources import ReferenceSet, reference_sets
 
 README = "before\n<!-- verification:begin -->\nold\n<!-- verification:end -->\nafter\n"
@@ -54,7 +55,7 @@ def calls(monkeypatch) -> list[tuple[str, str, int]]:
         calls.append((case, name, level))
         return Measurement(case, level, run(case, level).data, name)
 
-    monkeypatch.setattr(runs, "measure", measure)
+    monkeypatch.setattr(measurement, "measure", measure)
     return calls
 
 
@@ -191,7 +192,7 @@ def test_chosen_levels_are_named_and_a_failed_run_leaves_the_readme_alone(tmp_pa
     assert "`python -m studies verify --levels 1`" in readme.read_text()
     assert {level for *_, level in calls} == {1}
     readme.write_text(ALL_BLOCKS)
-    monkeypatch.setattr(runs, "measure", failed)
+    monkeypatch.setattr(measurement, "measure", failed)
     assert set(command.main([1], None, readme)) == {"crash"}
     assert readme.read_text() == ALL_BLOCKS
     assert "stays as it is" in capsys.readouterr().err

@@ -13,14 +13,15 @@ from time_folders import scene_in_time
 from ffsi.files import folder
 from ffsi.scene import CASES, load_scene
 from ffsi.scene.fluids import Carreau, Casson, Newtonian, PowerLaw
-from studies.verification import blood, periodic_runs
+from studies import kept_runs
+from studies.kept_runs import run_all
+from studies.verification import blood
 from studies.verification.aneurysm_cases import ANEURYSM_CASES, level_changes
 from studies.verification.bent_channel import bent_flow
 from studies.verification.blood_tables import TABLES
 from studies.verification.far_from_dome import Lumen
 from studies.verification.measured import Column, Measured, MeasuredTable, Row, to_frame, worst
 from studies.verification.oscillating_channel import DENSITY, HEIGHT, PERIOD, RATE, SWING, VISCOSITY, oscillating_flow
-from studies.verification.periodic_runs import run_all
 from studies.verification.plane_blood import PLANE_CASES
 from studies.verification.plane_channel import plane_flow, shear_rate, stress
 
@@ -261,8 +262,8 @@ def test_what_runs():
 
 @pytest.fixture
 def steady_freefem(freefem, monkeypatch):
-    monkeypatch.setattr(periodic_runs, "find_freefem", lambda: SimpleNamespace(has_mumps=True))
-    monkeypatch.setattr(periodic_runs, "render", lambda scene, mumps: f"// {scene.name}, MUMPS {mumps}\n")
+    monkeypatch.setattr(kept_runs, "find_freefem", lambda: SimpleNamespace(has_mumps=True))
+    monkeypatch.setattr(kept_runs, "render", lambda scene, mumps: f"// {scene.name}, MUMPS {mumps}\n")
     return freefem
 
 

@@ -16,10 +16,11 @@ from ffsi.result.published import references
 from ffsi.result.quantities import published_value
 from ffsi.run import watch
 from ffsi.scene import CASES
-from studies.verification import blood, hard, long, periodic, periodic_runs
+from studies import kept_runs
+from studies.kept_runs import TimeRun, run_all
+from studies.verification import blood, hard, long, periodic
 from studies.verification.periodic_cases import PERIODIC_CASES, PeriodicRun
 from studies.verification.periodic_output import Outcome, case_table, marked
-from studies.verification.periodic_runs import TimeRun, run_all
 from studies.verification.sources import reference_sets
 
 BY_NAME = {case.name: case for case in PERIODIC_CASES}
@@ -186,7 +187,7 @@ def test_a_run_of_another_script_stays_unless_it_failed(tmp_path, in_time, check
     assert run_all(bad, tmp_path)[0].failure == "not-converged"
     assert in_time.first_steps == [1, 1]
     assert "by another script" not in capsys.readouterr().err
-    monkeypatch.setattr(periodic_runs, "render", lambda scene, mumps: "// new")
+    monkeypatch.setattr(kept_runs, "render", lambda scene, mumps: "// new")
     run_all(scenes, tmp_path)
     assert "by another script than that of today" in capsys.readouterr().err
     assert run_all(bad, tmp_path)[0].failure == ""

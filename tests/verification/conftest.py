@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from studies.verification.runs import Measurement, Variant, measure
+from studies.measurement import Measurement, Variant, measure
 
 PLAIN = ("output.pictures=false", "output.vtu=false")
 
