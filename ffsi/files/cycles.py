@@ -8,16 +8,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ffsi.files import folder
-from ffsi.files.arrays import RawFileError, read_arrays
+from ffsi.files.arrays import Floats, Ints, RawFileError, read_arrays
 from ffsi.files.errors import InputError
 
 logger = logging.getLogger(__name__)
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 _VERSION = 1
 _SAME = 1e-9
 

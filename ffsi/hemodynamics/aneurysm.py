@@ -5,8 +5,8 @@ from __future__ import annotations
 from functools import cached_property, partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ffsi.files.arrays import Floats
 from ffsi.hemodynamics.flow import dome_flow
 from ffsi.hemodynamics.state import WallState
 from ffsi.hemodynamics.stress import effective_stress, largest_beyond
@@ -14,8 +14,6 @@ from ffsi.result.evaluation import Evaluations
 from ffsi.result.fields import FLUID
 from ffsi.scene.boundaries import DOME_WALL
 from ffsi.scene.geometry import Aneurysm
-
-Floats = NDArray[np.float64]
 
 
 class AneurysmState(WallState):

@@ -7,15 +7,12 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
-from ffsi.files.arrays import RawMesh
+from ffsi.files.arrays import Floats, RawMesh
 from ffsi.files.cycles import WallCycle
 from ffsi.hemodynamics.parts import over_parts, wall_frame
 from ffsi.hemodynamics.walls import at_nodes, wall_labels, wall_points
 from ffsi.scene import Scene
-
-Floats = NDArray[np.float64]
 
 _INDICES = ("tawss", "osi", "rrt")
 

@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ffsi.files.arrays import RawMesh, RawState
 from ffsi.hemodynamics.walls import wall_points
 from ffsi.result.fields import Fields
 from ffsi.scene.boundaries import DOME_WALL, INLET, OUTLET
 
-Floats = NDArray[np.float64]
 _NECK_POINTS = 2001
 _ROUNDING = 1e-9
 

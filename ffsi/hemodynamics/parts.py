@@ -6,12 +6,11 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from ffsi.files.arrays import Floats
 from ffsi.hemodynamics.walls import WallPoints, wall_labels
 from ffsi.scene import Scene, boundaries
 from ffsi.scene.boundaries import DOME_WALL, STRUTS
 from ffsi.scene.geometry import Aneurysm
-
-Floats = NDArray[np.float64]
 
 PARTS = ("dome", "neck", "vessel")
 """Parts of an aneurysm's walls."""

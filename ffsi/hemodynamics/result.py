@@ -7,14 +7,13 @@ from typing import Any
 
 import pandas as pd
 
-from ffsi.files.arrays import read_state
+from ffsi.files.arrays import Floats, read_state
 from ffsi.files.cycles import read_cycles
 from ffsi.files.errors import InputError
 from ffsi.hemodynamics import cycles
 from ffsi.hemodynamics.aneurysm import AneurysmState
 from ffsi.hemodynamics.state import WallState, reports_walls
 from ffsi.result.evaluation import Evaluations
-from ffsi.result.fields import FloatArray
 from ffsi.result.result import PlainResult
 from ffsi.scene import Aneurysm
 
@@ -77,7 +76,7 @@ class Result(PlainResult):
         found = read_cycles(self.directory)
         return cycles.cycle_summary(self.scene, self.raw_mesh, found) if found else []
 
-    def wall_data(self, state: str) -> dict[str, FloatArray]:
+    def wall_data(self, state: str) -> dict[str, Floats]:
         """Return point data of a saved state beside its fields: stress on and in the walls.
 
         `wall_shear_stress`, `effective_stress` (see `WallState.point_data`, `AneurysmState.point_data`); of the last
@@ -85,7 +84,7 @@ class Result(PlainResult):
         """
         return {name: value for evaluate in self.point_data(state).values() for name, value in evaluate().items()}
 
-    def point_data(self, state: str) -> Evaluations[FloatArray]:
+    def point_data(self, state: str) -> Evaluations[Floats]:
         """Return what `wall_data` consists of, each to be evaluated by itself."""
         walls = self.walls_at(state)
         found = {} if walls is None else walls.field_evaluations
@@ -95,7 +94,7 @@ class Result(PlainResult):
         return found
 
     @property
-    def _last_cycle(self) -> dict[str, FloatArray]:
+    def _last_cycle(self) -> dict[str, Floats]:
         found = read_cycles(self.directory)
         return cycles.cycle_point_data(self.scene, self.raw_mesh, found[-1]) if found else {}
 

@@ -7,9 +7,8 @@ from functools import cached_property
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
-from ffsi.files.arrays import RawMesh, RawState
+from ffsi.files.arrays import Floats, RawMesh, RawState
 from ffsi.hemodynamics.flow import rates
 from ffsi.hemodynamics.parts import over_parts, wall_frame
 from ffsi.hemodynamics.walls import WallPoints, at_nodes, deformed_length, wall_labels, wall_points, wall_shear_stress
@@ -17,8 +16,6 @@ from ffsi.result.evaluation import Evaluations
 from ffsi.result.fields import Fields
 from ffsi.scene import Scene
 from ffsi.scene.geometry import Aneurysm, Channel, MeshGeometry
-
-Floats = NDArray[np.float64]
 
 VESSELS = (Aneurysm, Channel, MeshGeometry)
 """Geometries whose walls are reported; others have forces on bodies."""

@@ -7,13 +7,11 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from ffsi.files.arrays import RawMesh, RawState
+from ffsi.files.arrays import Floats, RawMesh, RawState
 from ffsi.reference.from_scene import material_of
 from ffsi.reference.materials import IDENTITY, SplitMaterial, dilatation, stress_across, transpose
 from ffsi.scene import Scene
 from ffsi.scene.materials import Elastic
-
-Floats = NDArray[np.float64]
 
 # Barycentric coordinates of the nodes of a quadratic triangle: vertices, then the middles opposite to them.
 _NODES = np.array([[1, 0, 0], [0, 1, 0], [0, 0, 1], [0, 0.5, 0.5], [0.5, 0, 0.5], [0.5, 0.5, 0]])

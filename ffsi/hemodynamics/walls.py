@@ -6,15 +6,11 @@ from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ffsi.files.arrays import RawMesh, RawState
+from ffsi.files.arrays import Floats, Ints, RawMesh, RawState
 from ffsi.result.fields import FLUID
 from ffsi.scene import Scene, boundaries
 from ffsi.scene.fluids import IncompressibleFluid
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,9 @@ import pandas as pd
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 
+from ffsi.files.arrays import Floats
 from ffsi.report.curves import LINES
-from ffsi.result.fields import FLUID, Fields, FloatArray
+from ffsi.result.fields import FLUID, Fields
 from ffsi.result.pictures import FAINT, INK, Scale, canvas, colour_bar, outline, split_triangles, velocity
 
 FLUID_COLOUR = "#c7dbef"
@@ -32,7 +33,7 @@ def mesh_picture(fields: Fields, title: str = "") -> Figure:
     return figure
 
 
-def wall_stress(fields: Fields, stress: FloatArray, top: float, title: str = "") -> Figure:
+def wall_stress(fields: Fields, stress: Floats, top: float, title: str = "") -> Figure:
     """Draw the effective stress in the deformed walls; dashed: the walls at rest.
 
     Args:
@@ -54,7 +55,7 @@ def wall_stress(fields: Fields, stress: FloatArray, top: float, title: str = "")
     return figure
 
 
-def velocity_within(fields: Fields, window: tuple[FloatArray, FloatArray], title: str = "") -> Figure:
+def velocity_within(fields: Fields, window: tuple[Floats, Floats], title: str = "") -> Figure:
     """Draw the velocity within a window (its lower left and upper right corner, m), with colours of its own.
 
     The range of the colours is that of the upper left half of the window, so that the flow past a dome does not hide

@@ -10,13 +10,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ffsi.files.arrays import Floats, Ints
 from ffsi.result.locating import Finder
 
 if TYPE_CHECKING:
     from ffsi.files.arrays import RawMesh, RawState
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 FLUID = 1  # region number of the fluid; the solids are 2, 3, ...
 _SPLIT = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]])  # a quadratic triangle as four linear ones
@@ -37,13 +36,13 @@ class Fields:
             at a node of two of them that of the later one; None if there is no mixed solid.
     """
 
-    points: FloatArray
-    cells: IntArray
-    region: IntArray
-    displacement: FloatArray
-    velocity: FloatArray
-    pressure: FloatArray
-    solid_pressure: FloatArray | None = None
+    points: Floats
+    cells: Ints
+    region: Ints
+    displacement: Floats
+    velocity: Floats
+    pressure: Floats
+    solid_pressure: Floats | None = None
 
     @classmethod
     def from_raw(cls, mesh: RawMesh, state: RawState, mixed_regions: Sequence[int] = ()) -> Fields:
@@ -71,7 +70,7 @@ class Fields:
         )
 
     @property
-    def deformed(self) -> FloatArray:
+    def deformed(self) -> Floats:
         """(n, 2) node positions of the current configuration, metres."""
         return self.points + self.displacement
 
@@ -85,12 +84,12 @@ class Fields:
         """Whether any triangle is solid."""
         return bool((self.region != FLUID).any())
 
-    def linear_triangles(self, selected: NDArray[np.bool_] | None = None) -> IntArray:
+    def linear_triangles(self, selected: NDArray[np.bool_] | None = None) -> Ints:
         """Split each (selected) quadratic triangle into four linear ones: (4 n_triangles, 3) node numbers."""
         cells = self.cells if selected is None else self.cells[selected]
         return cells[:, _SPLIT].reshape(-1, 3)
 
-    def sample(self, points: ArrayLike) -> dict[str, FloatArray]:
+    def sample(self, points: ArrayLike) -> dict[str, Floats]:
         """Evaluate the fields at points of the reference configuration (P2 displacement and velocity, P1 pressure).
 
         Args:
@@ -122,7 +121,7 @@ class Fields:
         values["p"][region != FLUID] = np.nan
         return values
 
-    def _locate(self, at: FloatArray) -> tuple[IntArray, FloatArray]:
+    def _locate(self, at: Floats) -> tuple[Ints, Floats]:
         cell = np.full(len(at), -1, dtype=np.int64)
         barycentric = np.zeros((len(at), 3))
         for fluid in (True, False):
@@ -139,7 +138,7 @@ class Fields:
         return {fluid: Finder(self.points[self.cells[(self.region == FLUID) == fluid, :3]]) for fluid in (True, False)}
 
 
-def _solid_pressure(mesh: RawMesh, state: RawState, mixed_regions: Sequence[int], cells: IntArray) -> FloatArray | None:
+def _solid_pressure(mesh: RawMesh, state: RawState, mixed_regions: Sequence[int], cells: Ints) -> Floats | None:
     """Return the pressures of the mixed solids at the P2 nodes of their own triangles, zero elsewhere; None without."""
     if len(state.ps) != len(mixed_regions):
         raise ValueError(
@@ -155,7 +154,7 @@ def _solid_pressure(mesh: RawMesh, state: RawState, mixed_regions: Sequence[int]
     return values
 
 
-def _at_nodes(at_vertices: FloatArray, triangles: IntArray, cells: IntArray, count: int) -> FloatArray:
+def _at_nodes(at_vertices: Floats, triangles: Ints, cells: Ints, count: int) -> Floats:
     """Carry values from the mesh's vertices to its P2 nodes, linearly along each edge."""
     values = np.zeros((count, *at_vertices.shape[1:]))
     corner = at_vertices[triangles]
@@ -165,7 +164,7 @@ def _at_nodes(at_vertices: FloatArray, triangles: IntArray, cells: IntArray, cou
     return values
 
 
-def _quadratic_shapes(barycentric: FloatArray) -> FloatArray:
+def _quadratic_shapes(barycentric: Floats) -> Floats:
     l0, l1, l2 = barycentric.T
     return np.stack(
         [l0 * (2 * l0 - 1), l1 * (2 * l1 - 1), l2 * (2 * l2 - 1), 4 * l0 * l1, 4 * l1 * l2, 4 * l2 * l0], axis=1

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from ffsi.files.arrays import Floats, Ints
 
 _TOLERANCE = 1e-8  # in barycentric coordinates: how far outside of a triangle still counts as on its edge
 _AT_A_TIME = 2_000_000  # pairs of a point and a triangle
@@ -15,7 +13,7 @@ _AT_A_TIME = 2_000_000  # pairs of a point and a triangle
 class Finder:
     """Finds triangles by a grid with about as many cells as triangles; each cell knows those whose boxes touch it."""
 
-    def __init__(self, corners: FloatArray) -> None:
+    def __init__(self, corners: Floats) -> None:
         """Sort triangles into the grid.
 
         Args:
@@ -44,14 +42,14 @@ class Finder:
         self._triangles = triangle[np.argsort(cell, kind="stable")]
         self._starts = np.searchsorted(np.sort(cell), np.arange(self._count.prod() + 1))
 
-    def _place(self, at: FloatArray) -> IntArray:
+    def _place(self, at: Floats) -> Ints:
         """Return column and row (m, 2) of points, of those outside the nearest ones."""
         return np.clip((at - self._low) / self._step, 0, self._count - 1).astype(np.int64)
 
-    def _number(self, place: IntArray) -> IntArray:
+    def _number(self, place: Ints) -> Ints:
         return np.asarray(place[:, 0] + self._count[0] * place[:, 1])
 
-    def find(self, at: FloatArray) -> tuple[IntArray, FloatArray]:
+    def find(self, at: Floats) -> tuple[Ints, Floats]:
         """Return the triangle of each point (m,), -1 outside of all, and barycentric coordinates in it, (m, 3).
 
         Of several triangles it is the one in which the point lies deepest.
@@ -76,7 +74,7 @@ class Finder:
             found[points[point[best]]], barycentric[points[point[best]]] = triangle[best], coordinates[best]
         return found, barycentric
 
-    def _barycentric(self, at: FloatArray, triangle: IntArray) -> FloatArray:
+    def _barycentric(self, at: Floats, triangle: Ints) -> Floats:
         origin, first, second = self._corners[triangle].transpose(1, 0, 2)
         a, b, d = first - origin, second - origin, at - origin
         area = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
@@ -88,7 +86,7 @@ class Finder:
         return coordinates
 
 
-def _expand(counts: IntArray) -> tuple[IntArray, IntArray]:
+def _expand(counts: Ints) -> tuple[Ints, Ints]:
     """Return i and k of all pairs with k < counts[i]."""
     i = np.repeat(np.arange(len(counts)), counts)
     return i, np.arange(len(i)) - np.repeat(np.cumsum(counts) - counts, counts)

@@ -18,10 +18,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ffsi.files.arrays import Floats
+
 if TYPE_CHECKING:
     import pandas as pd
 
-Array = NDArray[np.float64]
 
 BLOCK = 2
 """Periods of one of the two blocks that `periodic` compares."""
@@ -345,7 +346,7 @@ def _order(fine: float, middle: float, coarse: float, quotient: float) -> float:
 # Crossings and extrema --------------------------------------------------------------------------------------------
 
 
-def _signal(t: ArrayLike, y: ArrayLike) -> tuple[Array, Array]:
+def _signal(t: ArrayLike, y: ArrayLike) -> tuple[Floats, Floats]:
     times, values = np.asarray(t, dtype=np.float64), np.asarray(y, dtype=np.float64)
     if times.ndim != 1 or times.shape != values.shape:
         raise ValueError(f"times and values must be two lists of the same length, not {times.shape}, {values.shape}")
@@ -356,7 +357,7 @@ def _signal(t: ArrayLike, y: ArrayLike) -> tuple[Array, Array]:
     return times, values
 
 
-def _refuse_missing_steps(t: Array, steps: Array) -> None:
+def _refuse_missing_steps(t: Floats, steps: Floats) -> None:
     """Raise ValueError where the time does not grow by the length of the step."""
     wrong = np.flatnonzero(~(np.abs(np.diff(t) - steps[1:]) <= _SAME * (steps[1:] + np.abs(t[1:]))))
     if len(wrong):
@@ -367,14 +368,14 @@ def _refuse_missing_steps(t: Array, steps: Array) -> None:
         )
 
 
-def _gap(t: Array, start: float, end: float, period: float) -> str:
+def _gap(t: Floats, start: float, end: float, period: float) -> str:
     """Return in words that a step between two times (s) is too long for a period (s); empty if none is."""
     first, last = np.searchsorted(t, [start - period, end])
     longest = float(np.diff(t[max(first - 1, 0) : last + 1]).max(initial=0.0))
     return f"a step of {longest:.3g} s is too long for a period of {period:.3g} s" if longest > period / 4 else ""
 
 
-def _repeats(t: Array, y: Array, start: float, end: float) -> bool:
+def _repeats(t: Floats, y: Floats, start: float, end: float) -> bool:
     """Return whether y is much the same in the period before, or, where there is none, ends as it has begun."""
     phase = np.linspace(start, end, _PHASES)
     last, period = np.interp(phase, t, y), end - start
@@ -384,12 +385,12 @@ def _repeats(t: Array, y: Array, start: float, end: float) -> bool:
     return float(np.sqrt(np.mean((last - before) ** 2))) <= _DIFFERENT * float(np.std(last))
 
 
-def _too_few(crossings: Array, periods: int) -> str:
+def _too_few(crossings: Floats, periods: int) -> str:
     found = max(len(crossings) - 1, 0)
     return f"{found} full period{'s' * (found != 1)} found, {periods} needed"
 
 
-def _crossings(t: Array, y: Array, count: int) -> Array:
+def _crossings(t: Floats, y: Floats, count: int) -> Floats:
     """Return the times at which y crosses its mean upwards, at the end of the signal.
 
     Of the parts at the end of the signal, each longer than the one before, the first with more than `count` crossings
@@ -409,13 +410,13 @@ def _crossings(t: Array, y: Array, count: int) -> Array:
     return best
 
 
-def _regular(crossings: Array) -> bool:
+def _regular(crossings: Floats) -> bool:
     """Return whether no period is more than twice another: else it is noise or a drift that crosses the mean."""
     periods = np.diff(crossings)
     return not len(periods) or float(periods.max()) <= 2.0 * float(periods.min())
 
 
-def _crossings_of(t: Array, y: Array) -> Array:
+def _crossings_of(t: Floats, y: Floats) -> Floats:
     """Return the upward crossings of (max + min)/2, where max and min are those of the last period."""
     found = _places(y, float(y.max() + y.min()) / 2, float(np.ptp(y)) / 2)
     if len(found) >= 2:
@@ -431,7 +432,7 @@ def _crossings_of(t: Array, y: Array) -> Array:
     return np.array([_crossing(t, y, place, level, period) for place in found])
 
 
-def _places(y: Array, level: float, amplitude: float) -> NDArray[np.intp]:
+def _places(y: Floats, level: float, amplitude: float) -> NDArray[np.intp]:
     """Return i for every crossing of the level upwards between i and i + 1: from well below it to well above."""
     side = np.where(y > level + _THRESHOLD * amplitude, 1, np.where(y < level - _THRESHOLD * amplitude, -1, 0))
     far = np.flatnonzero(side)
@@ -444,7 +445,7 @@ def _places(y: Array, level: float, amplitude: float) -> NDArray[np.intp]:
     return np.array(places, dtype=np.intp)
 
 
-def _crossing(t: Array, y: Array, place: int, level: float, period: float) -> float:
+def _crossing(t: Floats, y: Floats, place: int, level: float, period: float) -> float:
     """Return where y crosses the level near the points `place` and `place` + 1, s."""
     middle = t[place] + (t[place + 1] - t[place]) * (level - y[place]) / (y[place + 1] - y[place])
     near = np.flatnonzero(np.abs(t - middle) <= _AT_CROSSING * period)
@@ -458,7 +459,7 @@ def _crossing(t: Array, y: Array, place: int, level: float, period: float) -> fl
     return float(middle + period * root) if abs(root) <= _AT_CROSSING else float(middle)
 
 
-def _extrema(t: Array, y: Array, start: float, end: float, own: float | None = None) -> tuple[float, float]:
+def _extrema(t: Floats, y: Floats, start: float, end: float, own: float | None = None) -> tuple[float, float]:
     """Return the smallest and the largest value of y from start to end, between the points, too.
 
     Args:
@@ -477,7 +478,7 @@ def _extrema(t: Array, y: Array, start: float, end: float, own: float | None = N
     return -_peak(t, -y, int(low), period), _peak(t, y, int(high), period)
 
 
-def _peak(t: Array, y: Array, place: int, period: float) -> float:
+def _peak(t: Floats, y: Floats, place: int, period: float) -> float:
     """Return the maximum near the point `place`, which no point around it exceeds."""
     if not 0 < place < len(t) - 1 or y[place] < max(y[place - 1], y[place + 1]):
         return float(y[place])
@@ -490,7 +491,7 @@ def _peak(t: Array, y: Array, place: int, period: float) -> float:
     return float(y[place] + np.polyval(polynomial, np.linspace(x[0], x[-1], 401)).max())
 
 
-def _strongest(t: Array, y: Array, start: float, end: float) -> int:
+def _strongest(t: Floats, y: Floats, start: float, end: float) -> int:
     """Return the number of the strongest harmonic of y from start to end, whose length is one period."""
     grid = start + (end - start) * np.arange(256) / 256
     values = np.interp(grid, t, y)

@@ -16,7 +16,8 @@ from matplotlib.tri import Triangulation
 from numpy.typing import NDArray
 from PIL import Image
 
-from ffsi.result.fields import FLUID, Fields, FloatArray, IntArray
+from ffsi.files.arrays import Floats, Ints
+from ffsi.result.fields import FLUID, Fields
 
 INK = "#22262b"
 FAINT = "#8a9099"
@@ -40,7 +41,7 @@ class Scale:
 
     low: float
     high: float
-    window: tuple[FloatArray, FloatArray]
+    window: tuple[Floats, Floats]
 
 
 def available(fields: Fields) -> list[str]:
@@ -104,7 +105,7 @@ def _range(name: str, fields: Fields) -> tuple[float, float]:
     return 0.0, float(np.hypot(*vectors[np.unique(fields.cells[shown])].T).max())
 
 
-def _window(name: str, fields: Fields) -> tuple[FloatArray, FloatArray]:
+def _window(name: str, fields: Fields) -> tuple[Floats, Floats]:
     if name == "displacement":
         return _around(fields, fields.region != FLUID)
     return fields.deformed.min(axis=0), fields.deformed.max(axis=0)
@@ -191,7 +192,7 @@ def displacement(fields: Fields, title: str = "", scale: Scale | None = None) ->
     return figure
 
 
-def _around(fields: Fields, selected: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray]:
+def _around(fields: Fields, selected: NDArray[np.bool_]) -> tuple[Floats, Floats]:
     """Return the corners of a window around the selected part, before and after the deformation, within the domain."""
     nodes = np.unique(fields.cells[selected])
     corners = np.concatenate([fields.points[nodes], fields.deformed[nodes]])
@@ -200,7 +201,7 @@ def _around(fields: Fields, selected: NDArray[np.bool_]) -> tuple[FloatArray, Fl
     return np.maximum(low - margin, fields.deformed.min(axis=0)), np.minimum(high + margin, fields.deformed.max(axis=0))
 
 
-def canvas(title: str, window: tuple[FloatArray, FloatArray]) -> tuple[Figure, Axes]:
+def canvas(title: str, window: tuple[Floats, Floats]) -> tuple[Figure, Axes]:
     """Return an empty picture of a window, lower left and upper right corner in m, with equal axes."""
     low, high = window
     longer = float((high - low).max())
@@ -228,7 +229,7 @@ def canvas(title: str, window: tuple[FloatArray, FloatArray]) -> tuple[Figure, A
     return figure, axes
 
 
-def colour_bar(figure: Figure, axes: Axes, colours: Any, label: str, ticks: FloatArray | None = None) -> None:
+def colour_bar(figure: Figure, axes: Axes, colours: Any, label: str, ticks: Floats | None = None) -> None:
     """Put a colour bar beside a picture, or below a long one."""
     low, high = axes.get_xlim(), axes.get_ylim()
     if low[1] - low[0] > _LONG * (high[1] - high[0]):
@@ -281,12 +282,12 @@ def _arrows(axes: Axes, fields: Fields, longest: float | None) -> None:
     )  # fmt: skip
 
 
-def _centred(low: float, high: float, step: float) -> FloatArray:
+def _centred(low: float, high: float, step: float) -> Floats:
     count = max(1, round((high - low) / step))
     return np.asarray(low + (np.arange(count) + 0.5) * (high - low) / count)
 
 
-def _pressure_levels(values: FloatArray) -> tuple[FloatArray, str]:
+def _pressure_levels(values: Floats) -> tuple[Floats, str]:
     low, high = np.percentile(values, [0.3, 99.7])
     if high - low <= _CONSTANT * max(abs(low), abs(high)):
         half = 0.5 * (abs(low) or 1.0)
@@ -297,7 +298,7 @@ def _pressure_levels(values: FloatArray) -> tuple[FloatArray, str]:
     return np.asarray(MaxNLocator(24, steps=STEPS).tick_values(low, high)), palette
 
 
-def _every_other(levels: FloatArray) -> FloatArray:
+def _every_other(levels: Floats) -> Floats:
     """Return at most nine of the levels, a round distance apart and with zero among them if it is a level."""
     step = float(levels[1] - levels[0])
     least = -(-len(levels) // 9)
@@ -331,19 +332,19 @@ def _solid_regions(fields: Fields) -> list[int]:
     return [int(region) for region in np.unique(fields.region) if region != FLUID]
 
 
-def outline(fields: Fields, selected: NDArray[np.bool_]) -> list[FloatArray]:
+def outline(fields: Fields, selected: NDArray[np.bool_]) -> list[Floats]:
     """Return the edges of one selected triangle only, each (3, 2): start, middle, end on the deformed mesh."""
     return list(fields.deformed[_outer_edges(fields, selected)])
 
 
-def _outer_edges(fields: Fields, selected: NDArray[np.bool_]) -> IntArray:
+def _outer_edges(fields: Fields, selected: NDArray[np.bool_]) -> Ints:
     """Return the nodes (n, 3) of the edges that belong to one selected triangle only: start, middle, end."""
     nodes = fields.cells[selected][:, _EDGES].reshape(-1, 3)
     _, first, count = np.unique(nodes[:, 1], return_index=True, return_counts=True)
     return np.asarray(nodes[first[count == 1]])
 
 
-def _loops(edges: IntArray) -> list[list[int]]:
+def _loops(edges: Ints) -> list[list[int]]:
     """Join directed edges (n, 3) to closed lines of nodes, as a dashed line needs them."""
     rest: dict[int, list[tuple[int, int]]] = {}
     for start, middle, end in edges.tolist():
@@ -360,7 +361,7 @@ def _loops(edges: IntArray) -> list[list[int]]:
     return loops
 
 
-def _mesh_lines(fields: Fields, selected: NDArray[np.bool_]) -> list[FloatArray]:
+def _mesh_lines(fields: Fields, selected: NDArray[np.bool_]) -> list[Floats]:
     nodes = fields.cells[selected][:, _EDGES].reshape(-1, 3)
     _, first = np.unique(nodes[:, 1], return_index=True)
     return list(fields.deformed[nodes[first]])

@@ -11,8 +11,8 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ffsi.files.arrays import Floats
 from ffsi.result import oscillation
 from ffsi.scene import Scene
 from ffsi.scene.geometry import ChannelGeometry
@@ -20,7 +20,6 @@ from ffsi.scene.geometry import ChannelGeometry
 if TYPE_CHECKING:
     import pandas as pd
 
-Array = NDArray[np.float64]
 
 ACCEPTED = 0.02
 """Largest error that is not said, relative: of a period, and what is left of the energy balance."""
@@ -76,7 +75,7 @@ def _hydrostatic(scene: Scene) -> list[str]:
     ]
 
 
-def _vortices(scene: Scene, ends: Array, steps: Array) -> str:
+def _vortices(scene: Scene, ends: Floats, steps: Floats) -> str:
     """Judge the period of a vortex street: steps that are too large for it leave no trace of it."""
     if not isinstance(scene.geometry, ChannelGeometry) or scene.inflow is None or not scene.geometry.bluff:
         return ""
@@ -99,7 +98,7 @@ def _vortices(scene: Scene, ends: Array, steps: Array) -> str:
 # Steps in time ----------------------------------------------------------------------------------------------------
 
 
-def _ramp(scene: Scene, ends: Array, steps: Array) -> str:
+def _ramp(scene: Scene, ends: Floats, steps: Floats) -> str:
     """Judge the ramp of the inflow, half a period of a cosine."""
     if scene.inflow is None or scene.inflow.ramp is None or not scene.inflow.mean_velocity:
         return ""
@@ -114,7 +113,7 @@ def _ramp(scene: Scene, ends: Array, steps: Array) -> str:
     )
 
 
-def _waveform(scene: Scene, ends: Array, steps: Array) -> str:
+def _waveform(scene: Scene, ends: Floats, steps: Floats) -> str:
     """Judge the waveform of the inflow: its second differences over the steps."""
     assert scene.time is not None
     if scene.inflow is None or not scene.inflow.mean_velocity:
@@ -134,7 +133,7 @@ def _waveform(scene: Scene, ends: Array, steps: Array) -> str:
     )
 
 
-def _motion(scene: Scene, history: pd.DataFrame, steps: Array) -> str:
+def _motion(scene: Scene, history: pd.DataFrame, steps: Floats) -> str:
     """Judge the forces and displacements: their second differences over the steps."""
     worst, name, at = 0.0, "", 0
     for names, noise in _signals(scene, history):
@@ -167,7 +166,7 @@ def _signals(scene: Scene, history: pd.DataFrame) -> list[tuple[list[str], float
     return [(group, noise) for group, noise in found if group]
 
 
-def _damping(scene: Scene, history: pd.DataFrame, steps: Array) -> str:
+def _damping(scene: Scene, history: pd.DataFrame, steps: Floats) -> str:
     """Judge what the scheme takes from an oscillation in each of its periods, where theta is above 1/2."""
     assert scene.time is not None
     name = oscillation.reference_column(history)
@@ -226,7 +225,7 @@ def _size(scene: Scene) -> float:
     return math.sqrt(sum(scene.exact_areas().values()))
 
 
-def _rms(values: Array) -> float:
+def _rms(values: Floats) -> float:
     return float(np.sqrt(np.mean(np.square(values)))) if len(values) else 0.0
 
 

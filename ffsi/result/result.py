@@ -16,6 +16,7 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from ffsi.files import folder, seals
+from ffsi.files.arrays import Floats
 from ffsi.files.errors import InputError
 from ffsi.files.history import read_history
 from ffsi.files.json_types import refuse_other_types
@@ -24,7 +25,7 @@ from ffsi.files.steps import SavedStep, read_saved_steps
 from ffsi.result import vtu
 from ffsi.result.domain import meshed
 from ffsi.result.evaluation import Evaluations, Notes, words
-from ffsi.result.fields import FLUID, Fields, FloatArray
+from ffsi.result.fields import FLUID, Fields
 from ffsi.result.quantities import flatten as flatten
 from ffsi.result.quantities import published_value as published_value
 from ffsi.result.quantities import unit as unit
@@ -260,7 +261,7 @@ class PlainResult:
         mixed = [region for region, solid in enumerate(self.scene.solid.values(), start=FLUID + 1) if solid.mixed]
         return Fields.from_raw(self.raw_mesh, read_state(self.directory / state, self.raw_mesh), mixed)
 
-    def point_data(self, state: str) -> Evaluations[FloatArray]:
+    def point_data(self, state: str) -> Evaluations[Floats]:
         """Return what of a saved state is shown beside its fields, each to be evaluated by itself: here nothing."""
         return {}
 

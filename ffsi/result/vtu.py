@@ -9,10 +9,11 @@ import meshio
 import numpy as np
 
 from ffsi.files import folder
-from ffsi.result.fields import Fields, FloatArray
+from ffsi.files.arrays import Floats
+from ffsi.result.fields import Fields
 
 
-def to_meshio(fields: Fields, more: Mapping[str, FloatArray] | None = None) -> meshio.Mesh:
+def to_meshio(fields: Fields, more: Mapping[str, Floats] | None = None) -> meshio.Mesh:
     """Return the reference mesh with its fields.
 
     Point data: `displacement` (m), `velocity` (m/s), `pressure` (Pa) and, with mixed solids, `solid_pressure` (Pa);
@@ -39,14 +40,14 @@ def to_meshio(fields: Fields, more: Mapping[str, FloatArray] | None = None) -> m
     )
 
 
-def write_vtu(path: Path, fields: Fields, more: Mapping[str, FloatArray] | None = None) -> None:
+def write_vtu(path: Path, fields: Fields, more: Mapping[str, Floats] | None = None) -> None:
     """Write fields and further point data as a compressed VTU file of quadratic triangles, reference configuration."""
     partial = path.with_name(f".{path.name}.part")
     to_meshio(fields, more).write(partial, file_format="vtu", binary=True, compression="zlib")
     partial.replace(path)
 
 
-def write_series(directory: Path, states: Iterable[tuple[int, float, Fields, Mapping[str, FloatArray]]]) -> None:
+def write_series(directory: Path, states: Iterable[tuple[int, float, Fields, Mapping[str, Floats]]]) -> None:
     """Write a series in time for ParaView: `fields-000123.vtu` for every state, and `fields.pvd` with their times.
 
     Args:

@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from typing import Annotated, Any, Literal, Self, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, model_validator
 
+from ffsi.files.arrays import Floats
 from ffsi.scene.base import Table, refuse
 from ffsi.scene.errors import Problem, short
 from ffsi.scene.units import (
@@ -23,7 +23,6 @@ from ffsi.scene.units import (
     Viscosity,
 )
 
-Floats = NDArray[np.float64]
 _CarreauExponent = Annotated[float, Quantity("1", at_least=-0.5, below=0.0)]
 
 

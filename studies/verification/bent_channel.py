@@ -5,14 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid, simpson
 from scipy.optimize import root
 
+from ffsi.files.arrays import Floats
 from ffsi.scene.fluids import IncompressibleFluid
 from studies.verification.plane_channel import shear_rate, stress
 
-Floats = NDArray[np.float64]
 _POINTS = 801  # odd, for Simpson's rule
 
 

@@ -6,15 +6,14 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ffsi.files.arrays import Floats
 from ffsi.hemodynamics.aneurysm import AneurysmState
 from ffsi.hemodynamics.result import Result
 from ffsi.scene.fluids import IncompressibleFluid
 from studies.verification.bent_channel import BentFlow, bent_flow
 from studies.verification.measured import Measured, worst
 
-Floats = NDArray[np.float64]
 RANGES = {"upstream": (103.0, 110.0), "downstream": (152.0, 160.0)}
 """Angles around the origin in degrees; the inlet is at 90, the neck from 126.5 to 141.4, the outlet at 180."""
 SLOWED = "_slowed"

@@ -9,11 +9,10 @@ from typing import Literal
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from ffsi.files.arrays import Floats
 from studies.tables import NOTHING, TextTable, percent
 
-Floats = NDArray[np.float64]
 SECONDS = "seconds"
 _Part = Literal["value", "reference", "error"]
 

@@ -5,13 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ffsi.files.arrays import Floats
 from ffsi.hemodynamics.result import Result
 from ffsi.scene import Scene
 from studies.verification.measured import Measured
 
-Floats = NDArray[np.float64]
 # Half the height is 3 times the thickness sqrt(nu / omega) of the layer that oscillates with the walls (Womersley's
 # number). SI units.
 HEIGHT, LENGTH, DENSITY, VISCOSITY, PERIOD, RATE, SWING = 1.0, 2.0, 1.0, 0.1745, 1.0, 1.0, 0.75

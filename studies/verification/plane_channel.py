@@ -5,13 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
+from ffsi.files.arrays import Floats
 from ffsi.scene.fluids import IncompressibleFluid
 
-Floats = NDArray[np.float64]
 _SMALLEST, _HALVINGS = 1e-9, 60
 
 

@@ -11,7 +11,7 @@ import tomli_w
 from vessel_meshes import CURVES, INNER, LUMEN, OUTER, TURN, WALL_REGION, scene_table, vessel, write_scene
 
 from ffsi.cli.main import main
-from ffsi.result.definition import define
+from ffsi.result.sweep_definition import define
 from ffsi.scene import MeshGeometry, Scene, SceneError, boundaries, load_scene, stored
 from ffsi.scene.geometry.mesh import STORED, TAKEN
 from ffsi.scene.meshes import MeshError

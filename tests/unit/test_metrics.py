@@ -6,8 +6,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from ffsi.files.arrays import Floats
 from ffsi.result.oscillation import (
-    Array,
     blocks,
     extrema,
     mean_amplitude_frequency,
@@ -23,20 +23,20 @@ F = 5.46  # Hz
 STEP = 0.005  # s, 37 steps in a period
 
 
-def times(end: float, step: float = STEP) -> Array:
+def times(end: float, step: float = STEP) -> Floats:
     return np.arange(round(end / step) + 1) * step
 
 
-def wave(t: Array, mean: float, amplitude: float, frequency: float = F, phase: float = 0.3) -> Array:
+def wave(t: Floats, mean: float, amplitude: float, frequency: float = F, phase: float = 0.3) -> Floats:
     return mean + amplitude * np.sin(2 * np.pi * frequency * t + phase)
 
 
-def growth(t: Array, rate: float = 2.0, full: float = 4.0) -> Array:
+def growth(t: Floats, rate: float = 2.0, full: float = 4.0) -> Floats:
     """Exponential growth that is complete at the time `full`."""
     return np.minimum(1.0, np.exp(rate * (t - full)))
 
 
-def fsi3(t: Array) -> pd.DataFrame:
+def fsi3(t: Floats) -> pd.DataFrame:
     """A history like that of the benchmark: growth, then saturation; drag and tip_ux with twice the frequency."""
     size = growth(t)
     return pd.DataFrame(
@@ -99,7 +99,7 @@ def test_noise(step: float, seed: int) -> None:
 def test_several_harmonics() -> None:
     t, fine = times(2.0), np.linspace(0, 1 / F, 200001)
 
-    def signal(t: Array) -> Array:
+    def signal(t: Floats) -> Floats:
         return 2.5 + wave(t, 0, 150) + wave(t, 0, 45, 3 * F, 1.1) + wave(t, 0, 10, 2 * F, 0.4)
 
     exact = signal(fine)
@@ -155,7 +155,7 @@ def test_two_periods_are_enough() -> None:
 
 
 @pytest.mark.parametrize("y", [np.full(50, 3.0), np.zeros(50), np.linspace(0, 1, 50), np.exp(-np.linspace(0, 9, 50))])
-def test_what_does_not_oscillate_has_no_period(y: Array) -> None:
+def test_what_does_not_oscillate_has_no_period(y: Floats) -> None:
     found = mean_amplitude_frequency(np.linspace(0, 1, 50), y)
     assert math.isnan(found.amplitude)
     assert found.reason == "0 full periods found, 1 needed"

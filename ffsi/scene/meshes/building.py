@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
+from ffsi.files.arrays import Floats, Ints
 from ffsi.scene.boundaries import CLAMPED, INLET, SUPPORTED
 from ffsi.scene.errors import Problem, names, short
 from ffsi.scene.meshes.curves import Curves, Edges, meaning
@@ -21,8 +22,6 @@ from ffsi.scene.meshes.overlaps import refuse_overlaps
 from ffsi.scene.meshes.reading import MeshFile, read_mesh_file
 from ffsi.scene.meshes.topology import Topology, counter_clockwise, refuse_folds, refuse_gaps
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
 HELD = (CLAMPED, SUPPORTED)

@@ -6,16 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ffsi.files.arrays import Ints
 from ffsi.scene.boundaries import OUTER, PARTS, SURFACE, WALLS, Role
 from ffsi.scene.errors import Problem, names, short
 from ffsi.scene.meshes.errors import MeshError, count, fault, place
 from ffsi.scene.meshes.naming import FLUID, ROLES, Naming, chosen_groups
 from ffsi.scene.meshes.reading import Group
 from ffsi.scene.meshes.topology import Topology
-
-Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True)

@@ -16,11 +16,9 @@ import numpy as np
 import numpy.typing as npt
 from numpy.typing import NDArray
 
+from ffsi.files.arrays import Floats, Ints
 from ffsi.scene.errors import short
 from ffsi.scene.meshes.errors import fault
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 SAVE = "in Gmsh: Mesh.MshFileVersion = 4.1"
 # Types of elements: number in the format, name, nodes.

@@ -11,15 +11,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ffsi.files.arrays import Floats, Ints
 from ffsi.scene.errors import names, nearest
 from ffsi.scene.meshes.errors import count, fault
 from ffsi.scene.meshes.lost import marker_names, refuse_lost_sets
 from ffsi.scene.meshes.msh import is_msh, read_msh
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 # Cell data that hold the numbers of groups, by the formats that write them.
 _GMSH, _GEOMETRICAL = "gmsh:physical", "gmsh:geometrical"

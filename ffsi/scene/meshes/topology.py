@@ -11,11 +11,10 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
+from ffsi.files.arrays import Floats, Ints
 from ffsi.scene.errors import names
 from ffsi.scene.meshes.errors import count, fault, place
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
 FLAT = 1e-8
