@@ -14,20 +14,22 @@ SYSTEM_PACKAGES := freefem++ libfreefem++ libfreefem++-dev libopenblas0-pthread
 # What the Python package gmsh loads, with which tests make meshes.
 TEST_PACKAGES := libglu1-mesa libgl1 libxrender1 libxcursor1 libxft2 libxinerama1 libxext6 libxfixes3 libx11-6 libfontconfig1 libgomp1
 
-.PHONY: help setup system test-system run test verify verify-long verify-hard bench paper figures lint edp
+.PHONY: help setup system test-system run test verify verify-long verify-hard bench paper figures lint edp keys docs
 
 help:
 	@echo "make setup   install what is missing: FreeFEM (apt) and the Python environment in $(VENV)"
 	@echo "make run     the flap study: a sweep over the inflow velocity, and its report"
 	@echo "make test    unit tests and small real runs"
-	@echo "make verify  published values and flow of blood: results/verification*, results/blood*, README.md, and their tests (hours; a second call goes on)"
-	@echo "make verify-long  FSI2 and FSI3 over many periods: results/long*, README.md (an hour; a second call goes on)"
+	@echo "make verify  published values and flow of blood: results/verification*, results/blood*, docs/results.md, and their tests (hours; a second call goes on)"
+	@echo "make verify-long  FSI2 and FSI3 over many periods: results/long*, docs/results.md (an hour; a second call goes on)"
 	@echo "make verify-hard  scenes outside of the catalogue, solved rightly or refused with the cause: results/hard.* (hours; a second call goes on)"
-	@echo "make bench   error against seconds, cost ratios, mesh motions, time steps: results/bench-*, results/mesh-motion.*, README.md"
+	@echo "make bench   error against seconds, cost ratios, mesh motions, time steps: results/bench-*, results/mesh-motion.*, docs/results.md"
 	@echo "make paper   the study of the paper's section 5: results/paper (minutes)"
 	@echo "make figures the README's picture, from the last point of 'make run'"
 	@echo "make lint    ruff and mypy"
 	@echo "make edp     render every case of the catalogue into edp/ again"
+	@echo "make keys    write the keys of a scene into docs/scene.md again"
+	@echo "make docs    the documentation as a site: build/site/index.html"
 
 setup: system $(STAMP)
 
@@ -39,22 +41,22 @@ test: setup test-system
 	@$(BIN)/python -m pytest -n 2 --dist loadfile tests/unit tests/freefem
 
 verify: setup
-	@$(BIN)/python -m studies verify --out results --readme README.md
-	@$(BIN)/python -m studies verify --unsteady --jobs $(JOBS) --out results --readme README.md
-	@$(BIN)/python -m studies verify --blood --jobs $(JOBS) --out results --readme README.md
+	@$(BIN)/python -m studies verify --out results --readme docs/results.md
+	@$(BIN)/python -m studies verify --unsteady --jobs $(JOBS) --out results --readme docs/results.md
+	@$(BIN)/python -m studies verify --blood --jobs $(JOBS) --out results --readme docs/results.md
 	@$(BIN)/python -m pytest tests/verification
 
 verify-long: setup
-	@$(BIN)/python -m studies verify --long --jobs $(JOBS) --out results --readme README.md
+	@$(BIN)/python -m studies verify --long --jobs $(JOBS) --out results --readme docs/results.md
 
 verify-hard: setup
 	@$(BIN)/python -m studies verify --hard --jobs $(JOBS) --out results
 
 bench: setup
-	@$(BIN)/python -m studies bench --repeat 3 --out results --readme README.md
+	@$(BIN)/python -m studies bench --repeat 3 --out results --readme docs/results.md
 	@$(BIN)/python -m studies bench --scenes --repeat 3 --out results --readme results/bench-scenes.md
 	@$(BIN)/python -m studies bench --mesh-motion --out results
-	@$(BIN)/python -m studies bench --unsteady --repeat 3 --out results --readme README.md
+	@$(BIN)/python -m studies bench --unsteady --repeat 3 --out results --readme docs/results.md
 
 paper: setup
 	@$(BIN)/python -m studies paper --jobs 2
@@ -76,6 +78,14 @@ edp: setup
 	@rm -f edp/*.edp
 	@cases=$$($(BIN)/ffsi cases --json | $(BIN)/python -c 'import json, sys; print(*(case["name"] for case in json.load(sys.stdin)))'); \
 	for case in $$cases; do $(BIN)/ffsi render "$$case" -o "edp/$$case.edp"; done
+
+keys: setup
+	@sed -i '/^<!-- keys:begin -->$$/q' docs/scene.md
+	@$(BIN)/ffsi keys --markdown >> docs/scene.md
+
+docs: setup
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[docs]'
+	@$(BIN)/mkdocs build --quiet --strict
 
 # Installs packages only when some are missing. Elsewhere than on Debian, `ffsi doctor` says what FreeFEM lacks.
 define APT_INSTALL

@@ -7,6 +7,7 @@ import logging
 import re
 import sys
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
@@ -86,6 +87,34 @@ def cases(json: AsJson = False) -> None:
         sys.stdout.write(folder.to_json(entries))
     else:
         show.cases(entries)
+
+
+@app.command()
+def keys(
+    pattern: Annotated[
+        str | None, typer.Argument(metavar="[GLOB]", help='A table, or keys such as "*velocity".', show_default="all")
+    ] = None,
+    json: AsJson = False,
+    markdown: Annotated[
+        bool, typer.Option("--markdown", help="Print all of them as the tables of docs/scene.md.")
+    ] = False,
+) -> None:
+    """List every key of a scene: type, unit, default, range, meaning."""
+    from ffsi.scene import keys
+
+    if markdown:
+        if json or pattern:
+            raise InputError("--markdown prints all keys: give no GLOB and no --json")
+        sys.stdout.write(keys.markdown())
+        return
+    found = keys.keys(pattern or "*")
+    if not found:
+        guess = nearest(str(pattern), [item.key for item in keys.keys()])
+        raise InputError(f"no key is {pattern!r}" + (f' (did you mean "{guess}"?)' if guess else ""))
+    if json:
+        sys.stdout.write(folder.to_json([asdict(item) for item in found]))
+    else:
+        show.keys(found)
 
 
 @app.command()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import logging
 import math
 import shlex
@@ -28,6 +29,7 @@ from ffsi.scene.materials import Elastic
 from ffsi.text import cut, printable
 
 if TYPE_CHECKING:
+    from ffsi.scene.keys import Key
     from ffsi.reference import CheckReport
 
 # Quantities that only help to diagnose; they are in result.json.
@@ -50,6 +52,18 @@ def text(value: object, style: str = "") -> Text:
 
 def _lines(message: str) -> str:
     return "\n".join(printable(line) for line in message.split("\n"))
+
+
+def keys(found: Sequence[Key]) -> None:
+    """Print the keys of a scene, those of each table and kind together."""
+    console = _out()
+    for only, group in itertools.groupby(found, key=lambda item: item.only):
+        table = Table(title=only or None, title_justify="left", box=None, pad_edge=False, padding=(0, 2, 0, 0))
+        for name in ("key", "unit", "default", "accepted", "meaning"):
+            table.add_column(name, overflow="fold", min_width=len(name))
+        for item in group:
+            table.add_row(*(Text(cell) for cell in (item.key, item.unit, item.default, item.accepted, item.meaning)))
+        console.print(table)
 
 
 def error(message: str) -> None:

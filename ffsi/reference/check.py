@@ -49,7 +49,7 @@ class CheckReport:
     """What the reference checker found; every number is relative and None where the scene has no such quantity.
 
     ``momentum``, ``continuity``, ``kinematics``, ``mesh_motion``, ``incompressibility`` (volume of mixed solids):
-    residuals as docs/discretisation.md scales them.
+    residuals as docs/theory.md scales them.
     ``dirichlet``: largest deviation from a prescribed value. ``drag_difference``, ``lift_difference``,
     ``coefficient_difference``: reported against recomputed forces. ``outlet_difference``: likewise the flow rate out,
     the pressure at the outlet and that of the reservoir behind it; ``wall_difference``: the shear stress on the walls,

@@ -1,4 +1,4 @@
-"""Force of the fluid on body parts, as a surface integral and from the residual (docs/discretisation.md, "Forces")."""
+"""Force of the fluid on body parts, as a surface integral and from the residual (docs/theory.md, "Forces")."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,6 +1,6 @@
 """Flow at an inlet of height H: a profile times a function of time, or Womersley's flow of a Fourier series.
 
-Formulas: docs/discretisation.md, "Blood".
+Formulas: docs/theory.md, "Blood".
 """
 
 from collections.abc import Callable, Sequence

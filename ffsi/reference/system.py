@@ -83,7 +83,7 @@ class SolidPart:
 
 @dataclass(frozen=True)
 class System:
-    """The discrete system of docs/discretisation.md on one mesh: the steady one, or that of one time step.
+    """The discrete system of docs/theory.md on one mesh: the steady one, or that of one time step.
 
     ``solids`` by region number; ``rows`` the equations and conditions per node; ``increment`` the time step and the
     state that it starts from, None for the steady system.

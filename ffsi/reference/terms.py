@@ -2,7 +2,7 @@
 
 Every function takes local values and returns local integrals, (n, 6, 2) or (n, 3), by the name of the term. All are
 analytic in the unknowns, so the solver can differentiate them by a complex step; no tangent is written by hand.
-Formulas: docs/discretisation.md. Tensors have their indices on the last two axes and (triangle, point) before them.
+Formulas: docs/theory.md. Tensors have their indices on the last two axes and (triangle, point) before them.
 """
 
 from dataclasses import dataclass

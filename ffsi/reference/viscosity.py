@@ -1,6 +1,6 @@
 """Viscosity laws of the fluid: the dynamic viscosity, pascal seconds, as a function of the squared shear rate.
 
-Formulas: docs/discretisation.md, "Blood". All are analytic, so that a complex step passes through.
+Formulas: docs/theory.md, "Blood". All are analytic, so that a complex step passes through.
 """
 
 import math

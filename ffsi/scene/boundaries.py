@@ -20,7 +20,7 @@ class Boundary:
     Args:
         name: what it is, such as "inlet" or "surface".
         label: edge label in the mesh (table in docs/formats.md).
-        role: condition on it (docs/discretisation.md).
+        role: condition on it (docs/theory.md).
         part: body part on which the fluid's force is reported, None if there is none.
         circle: centre x, centre y and radius in m of a boundary that is an arc, None if it is straight.
         exact_length: length of the exact curve, m.

@@ -107,11 +107,15 @@ class Quantity:
     at_most: float | None = None
 
     @property
+    def bounds(self) -> str:
+        """The range that is accepted, such as "> 0 and <= 1"; empty for all numbers."""
+        bounds = ((">", self.above), (">=", self.at_least), ("<", self.below), ("<=", self.at_most))
+        return " and ".join(f"{sign} {number_text(bound)}" for sign, bound in bounds if bound is not None)
+
+    @property
     def accepted(self) -> str:
         """Description of the values that are accepted."""
-        bounds = ((">", self.above), (">=", self.at_least), ("<", self.below), ("<=", self.at_most))
-        limits = " and ".join(f"{sign} {number_text(bound)}" for sign, bound in bounds if bound is not None)
-        text = f"a number {limits}".rstrip()
+        text = f"a number {self.bounds}".rstrip()
         if self.unit == "1":
             return text
         example = _EXAMPLES.get(self.unit)

@@ -141,7 +141,7 @@ def scipy_solution(fsi1, mesh):
 
 @pytest.mark.parametrize("field", ["u", "v", "p"])
 def test_the_checkers_own_solution_is_the_same(scipy_solution, state, field):
-    """Both start from rest, with nothing in common but the mesh and the page docs/discretisation.md."""
+    """Both start from rest, with nothing in common but the mesh and the page docs/theory.md."""
     own, freefem = getattr(scipy_solution.state, field), getattr(state, field)
     assert np.abs(own).max() > 0
     assert np.abs(own - freefem).max() < 1e-9 * np.abs(own).max()

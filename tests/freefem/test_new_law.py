@@ -1,4 +1,4 @@
-"""The README's section "A new viscosity law", done to a copy of the program and nothing else, and run there."""
+"""The section "A new viscosity law" of docs/extend.md, done to a copy of the program and nothing else, and run there."""
 
 import json
 import re
@@ -20,7 +20,7 @@ CASE = "turek-fsi1"
 
 @dataclass(frozen=True)
 class Pieces:
-    """What the README adds: the template and its path, the class of the scene, that of the checker and its entry."""
+    """What the page adds: the template and its path, the class of the scene, that of the checker and its entry."""
 
     template: str
     path: str
@@ -31,8 +31,8 @@ class Pieces:
 
 def read_pieces() -> Pieces:
     """Return the code blocks of the section, each from the numbered item that names its file."""
-    readme = (ROOT / "README.md").read_text(encoding="utf-8")
-    section = re.search(r"^## A new viscosity law\n(.*?)^## ", readme, re.DOTALL | re.MULTILINE).group(1)
+    page = (ROOT / "docs/extend.md").read_text(encoding="utf-8")
+    section = re.search(r"^## A new viscosity law\n(.*?)(?=^## |\Z)", page, re.DOTALL | re.MULTILINE).group(1)
     items = re.split(r"^\d\. ", section, flags=re.MULTILINE)[1:]
     names = [re.findall(r"`([\w/.-]+/[\w.-]+)`", item.split("```")[0]) for item in items]
     assert [found[0] for found in names[1:]] == [SCENE, LAW]

@@ -42,7 +42,7 @@ def random_step(problem, mesh):
 
 
 class Points:
-    """Fields of a state at the quadrature points, by the formulas of docs/discretisation.md."""
+    """Fields of a state at the quadrature points, by the formulas of docs/theory.md."""
 
     def __init__(self, elements, state):
         u, v = state.u[elements.nodes], state.v[elements.nodes]

@@ -1,0 +1,193 @@
+"""Every key that a scene can have, from the models themselves: `ffsi keys`, docs/scene.md."""
+
+from __future__ import annotations
+
+import inspect
+import types
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
+
+from pydantic import BeforeValidator
+from pydantic.fields import FieldInfo
+from pydantic_core import PydanticUndefined
+
+from ffsi.scene.base import Table
+from ffsi.scene.errors import join, number_text
+from ffsi.scene.geometry import GeometryBase
+from ffsi.scene.model import Scene
+from ffsi.scene.numerics import SIZES
+from ffsi.scene.units import Count, Quantity
+
+NEEDED = "needed"
+_TYPES: dict[Any, str] = {str: "text", bool: "true or false"}
+
+
+@dataclass(frozen=True)
+class Key:
+    """One key of a scene.
+
+    Args:
+        key: dotted key; NAME stands for a name that the scene chooses.
+        only: what must be chosen for it, such as ``geometry.kind = "channel"``; empty where it is always there.
+        type: what its value is, in words.
+        unit: SI unit of a plain number, empty without one.
+        default: value where the scene has none, as TOML writes it; "needed", or empty for none.
+        range: values that are accepted, empty for all.
+        meaning: one sentence.
+    """
+
+    key: str
+    only: str
+    type: str
+    unit: str
+    default: str
+    range: str
+    meaning: str
+
+    @property
+    def accepted(self) -> str:
+        """What is accepted, in words."""
+        return self.range if self.type == "text" and self.range else f"{self.type} {self.range}".rstrip()
+
+
+def keys(pattern: str = "*") -> list[Key]:
+    """Return every key, or those of a table (`outlet`) or a pattern (`*velocity`), in the order of the models."""
+    return [
+        item
+        for item in _keys(Scene, "", "")
+        if fnmatchcase(item.key, pattern)
+        or item.key.startswith(f"{pattern}.")
+        or fnmatchcase(pattern, item.key.replace("NAME", "*"))
+    ]
+
+
+def markdown() -> str:
+    """Return one table for each table of a scene, and one for each kind of it."""
+    parts: dict[tuple[str, str], list[Key]] = {}
+    for item in keys():
+        parts.setdefault((item.key.partition(".")[0] if "." in item.key else "", item.only), []).append(item)
+    lines = []
+    for (table, only), items in parts.items():
+        lines += [f"### {only or (f'[{table}]' if table else 'The scene')}", ""]
+        lines += ["| key | type | unit | default | range | meaning |", "| --- | --- | --- | --- | --- | --- |"]
+        for item in items:
+            cells = (f"`{item.key}`", item.type, item.unit, _code(item.default), item.range, item.meaning)
+            lines.append(f"| {' | '.join(cell.replace('|', '&#124;') for cell in cells)} |")
+        lines.append("")
+    return "\n".join([*lines, *_sizes()]) + "\n"
+
+
+def _sizes() -> list[str]:
+    """Return the table of the element sizes that a scene has where it gives none."""
+    lines = ["### Element sizes that are not given", ""]
+    lines += [f"| geometry.kind | for | {' | '.join(f'`mesh.{name}`' for name in SIZES)} |"]
+    lines += ["| --- | --- |" + " ---: |" * len(SIZES)]
+    for geometry in _tables(Scene.model_fields["geometry"].annotation):
+        if issubclass(geometry, GeometryBase) and (sizes := geometry.default_sizes) is not None:
+            (kind,) = _literals(geometry.model_fields["kind"].annotation)
+            length = geometry.model_fields[geometry.sized_by].default
+            known = f" = {number_text(1.0 if length is PydanticUndefined else length)} m"
+            cells = " | ".join(number_text(getattr(sizes, name)) for name in SIZES)
+            lines.append(f"| `{kind}` | `{geometry.sized_by}`{known} | {cells} |")
+    return lines
+
+
+def _code(default: str) -> str:
+    return f"`{default}`" if default not in ("", NEEDED) else default
+
+
+def _keys(model: type[Table], prefix: str, only: str, chosen_by: str = "") -> Iterator[Key]:
+    for name, field in model.model_fields.items():
+        if name == chosen_by:
+            continue
+        key, (members, metadata) = join(prefix, name), _members(field.annotation, list(field.metadata))
+        is_dict = [get_args(member) for member in members if get_origin(member) is dict]
+        if is_dict:
+            key = join(key, "NAME")
+            members, metadata = _members(is_dict[0][1], [])
+        tables = [table for member in members for table in _tables(member)]
+        if not tables:
+            yield _leaf(key, only, field, members, metadata, named=bool(is_dict))
+        if len(tables) == 1:
+            yield from _keys(tables[0], key, only)
+        elif tables:
+            yield from _choice(key, field, tables, metadata)
+
+
+def _choice(key: str, field: FieldInfo, tables: list[type[Table]], metadata: list[Any]) -> Iterator[Key]:
+    """Yield the key that chooses one of several tables, then those of each."""
+    tag = next(str(item.discriminator) for item in (*metadata, field) if getattr(item, "discriminator", None))
+    kinds = {_literals(table.model_fields[tag].annotation)[0]: table for table in tables}
+    filled = next((item.func({}) for item in metadata if isinstance(item, BeforeValidator)), {})
+    default = _toml(filled[tag]) if tag in filled else NEEDED
+    meaning = str(tables[0].model_fields[tag].description).partition(":")[0]
+    yield Key(join(key, tag), "", "text", "", default, _quoted(kinds), meaning)
+    for kind, table in kinds.items():
+        yield from _keys(table, key, f'{join(key, tag)} = "{kind}"', tag)
+
+
+def _leaf(key: str, only: str, field: FieldInfo, members: list[Any], metadata: list[Any], *, named: bool) -> Key:
+    literals = [name for member in members for name in _literals(member)]
+    rule = next((item for item in metadata if hasattr(item, "accepted")), None)
+    unit = rule.unit if isinstance(rule, Quantity) and rule.unit != "1" else ""
+    match rule:
+        case Quantity():
+            kind, limits = "number", rule.bounds
+        case Count():
+            kind, limits = "whole number", f"{rule.minimum} to {rule.maximum}"
+        case None if literals:
+            kind, limits = "text", _quoted(literals)
+        case None if any(get_origin(member) is tuple for member in members):
+            kind, limits = "list of numbers", ""
+        case None:
+            kind, limits = next(_TYPES[member] for member in members if member in _TYPES), ""
+        case _:
+            kind, limits = rule.accepted, ""
+    meaning = inspect.cleandoc(field.description or "")
+    for ending in (f", {unit}", ", dimensionless", " (dimensionless)", " (true or false)"):
+        meaning = meaning.removesuffix(ending)
+    default = "" if named else NEEDED if field.default is PydanticUndefined else _toml(field.default)
+    return Key(key, only, kind, unit, default, limits, meaning)
+
+
+def _quoted(names: Iterable[str]) -> str:
+    return ", ".join(f'"{name}"' for name in names)
+
+
+def _toml(value: Any) -> str:
+    match value:
+        case None:
+            return ""
+        case bool():
+            return str(value).lower()
+        case float():
+            return number_text(value)
+        case str():
+            return f'"{value}"'
+    return str(value)
+
+
+def _members(annotation: Any, metadata: list[Any]) -> tuple[list[Any], list[Any]]:
+    """Return the alternatives of an annotation without None, and what is said of them."""
+    if get_origin(annotation) is Annotated:
+        inner, *said = get_args(annotation)
+        return _members(inner, [*metadata, *said])
+    if get_origin(annotation) in (Union, types.UnionType):
+        found: list[Any] = []
+        for part in get_args(annotation):
+            if part is not types.NoneType:
+                members, metadata = _members(part, metadata)
+                found += members
+        return found, metadata
+    return [annotation], metadata
+
+
+def _tables(annotation: Any) -> list[type[Table]]:
+    members, _ = _members(annotation, [])
+    return [member for member in members if isinstance(member, type) and issubclass(member, Table)]
+
+
+def _literals(annotation: Any) -> list[str]:
+    return list(get_args(annotation)) if get_origin(annotation) is Literal else []

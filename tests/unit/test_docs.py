@@ -1,0 +1,101 @@
+"""The pages that people read: their links lead somewhere, and what is generated is what its generator writes."""
+
+import csv
+import re
+from pathlib import Path
+
+import pytest
+
+from ffsi.scene import CASES
+from ffsi.scene.keys import keys, markdown
+
+ROOT = Path(__file__).parents[2]
+PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md"), *(ROOT / "examples").glob("*.md")])
+LINK = re.compile(r"\]\(([^)\s]+)\)")
+
+
+def anchors(page: Path) -> set[str]:
+    """Return the anchors of a page's headings, as GitHub and MkDocs make them."""
+    headings = re.findall(r"^#+ (.*)$", page.read_text(encoding="utf-8"), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).strip().replace(" ", "-") for heading in headings}
+
+
+def dead_links(page: Path) -> list[str]:
+    found = []
+    for target in LINK.findall(page.read_text(encoding="utf-8")):
+        if target.startswith(("http://", "https://")):
+            continue
+        name, _, anchor = target.partition("#")
+        file = page.parent / name if name else page
+        if not file.exists() or (anchor and anchor not in anchors(file)):
+            found.append(target)
+    return found
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_no_link_is_dead(page):
+    assert not dead_links(page)
+
+
+def test_a_dead_link_is_seen(tmp_path):
+    page = tmp_path / "page.md"
+    page.write_text("# One two\n[a](#one-two) [b](#three) [c](none.md) [d](page.md#one-two) [e](https://example.org)")
+    assert dead_links(page) == ["#three", "none.md"]
+
+
+def test_every_page_is_in_the_index():
+    index = (ROOT / "docs/index.md").read_text(encoding="utf-8")
+    assert {page.name for page in (ROOT / "docs").glob("*.md")} == {*re.findall(r"\]\((\w+\.md)\)", index), "index.md"}
+
+
+def test_the_readme_is_short():
+    assert len((ROOT / "README.md").read_text(encoding="utf-8").splitlines()) <= 150
+
+
+def test_the_page_of_the_scene_has_the_keys_of_the_models():
+    """`make keys` writes them."""
+    page = (ROOT / "docs/scene.md").read_text(encoding="utf-8")
+    assert page.partition("<!-- keys:begin -->\n")[2] == markdown()
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_every_key_of_a_scene_is_among_the_keys(case):
+    scene = CASES[case]
+    for key in {**scene.parameters(), **scene.words()}:
+        assert keys(key), key
+
+
+def test_a_key_says_what_is_accepted():
+    by_key = {(item.key, item.only): item for item in keys()}
+    viscosity = by_key["fluid.viscosity", 'fluid.law = "newtonian"']
+    assert (viscosity.unit, viscosity.default, viscosity.range) == ("Pa s", "needed", "> 0")
+    assert by_key["fluid.law", ""].default == '"newtonian"'
+    assert by_key["solid.NAME.poisson_ratio", 'solid.NAME.material = "neo-hookean"'].range == "> -1 and < 0.5"
+    assert by_key["mesh.level", ""].accepted == "whole number 0 to 4"
+    assert by_key["geometry.regions.NAME", 'geometry.kind = "mesh"'].meaning
+    assert not [item for item in keys() if not item.meaning or not item.type]
+
+
+# What the README says of a case on a level: the largest error of these quantities, in per cent.
+CLAIMS = [
+    ("turek-fsi1", 2, ("tip_ux_second", "tip_uy_second", "drag_second", "lift_second"), 0.1),
+    ("turek-fsi1", 4, ("tip_uy_second", "drag_second", "lift_second"), 0.02),
+    ("cylinder-2d1", 2, ("drag_coefficient",), 0.001),
+    ("cylinder-2d1", 2, ("lift_coefficient",), 0.1),
+]
+
+
+@pytest.mark.parametrize(("case", "level", "quantities", "claim"), CLAIMS)
+def test_the_readme_tells_the_errors_that_were_measured(case, level, quantities, claim):
+    with (ROOT / "results/verification.csv").open(encoding="utf-8") as file:
+        (row,) = [row for row in csv.DictReader(file) if (row["case"], row["level"]) == (case, str(level))]
+    assert max(100 * abs(float(row[f"{quantity}_error"])) for quantity in quantities) < claim
+    (line,) = [
+        line
+        for line in (ROOT / "README.md").read_text(encoding="utf-8").splitlines()
+        if f"`ffsi run {case} --set mesh.level={level}`" in line
+    ]
+    assert f"within {claim} %" in line
+    assert f"{int(row['unknowns']):,} unknowns".replace(",", " ") in line
+    if case == "turek-fsi1" and level == 4:
+        assert abs(float(row["tip_ux"]) / 2.2681e-5 - 1) < claim / 100
