@@ -100,16 +100,17 @@ def keys(
     ] = False,
 ) -> None:
     """List every key of a scene: type, unit, default, range, meaning."""
-    from ffsi.scene import keys
+    from ffsi.scene.keys import markdown as tables_of_keys
+    from ffsi.scene.keys import scene_keys
 
     if markdown:
         if json or pattern:
             raise InputError("--markdown prints all keys: give no GLOB and no --json")
-        sys.stdout.write(keys.markdown())
+        sys.stdout.write(tables_of_keys())
         return
-    found = keys.keys(pattern or "*")
+    found = scene_keys(pattern or "*")
     if not found:
-        guess = nearest(str(pattern), [item.key for item in keys.keys()])
+        guess = nearest(str(pattern), [item.key for item in scene_keys()])
         raise InputError(f"no key is {pattern!r}" + (f' (did you mean "{guess}"?)' if guess else ""))
     if json:
         sys.stdout.write(folder.to_json([asdict(item) for item in found]))

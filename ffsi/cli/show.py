@@ -29,8 +29,8 @@ from ffsi.scene.materials import Elastic
 from ffsi.text import cut, printable
 
 if TYPE_CHECKING:
-    from ffsi.scene.keys import Key
     from ffsi.reference import CheckReport
+    from ffsi.scene.keys import Key
 
 # Quantities that only help to diagnose; they are in result.json.
 MINOR = ("_surface", "_x", "_y", "drag_cylinder", "lift_cylinder", "drag_beam", "lift_beam")

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import inspect
-import types
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
-from typing import Annotated, Any, Literal, Union, get_args, get_origin
+from typing import Any, cast, get_args, get_origin
 
 from pydantic import BeforeValidator
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
+from ffsi.scene.annotations import literals, of_field, unit
+from ffsi.scene.annotations import members as split
 from ffsi.scene.base import Table
 from ffsi.scene.errors import join, number_text
 from ffsi.scene.geometry import GeometryBase
@@ -52,7 +53,7 @@ class Key:
         return self.range if self.type == "text" and self.range else f"{self.type} {self.range}".rstrip()
 
 
-def keys(pattern: str = "*") -> list[Key]:
+def scene_keys(pattern: str = "*") -> list[Key]:
     """Return every key, or those of a table (`outlet`) or a pattern (`*velocity`), in the order of the models."""
     return [
         item
@@ -66,7 +67,7 @@ def keys(pattern: str = "*") -> list[Key]:
 def markdown() -> str:
     """Return one table for each table of a scene, and one for each kind of it."""
     parts: dict[tuple[str, str], list[Key]] = {}
-    for item in keys():
+    for item in scene_keys():
         parts.setdefault((item.key.partition(".")[0] if "." in item.key else "", item.only), []).append(item)
     lines = []
     for (table, only), items in parts.items():
@@ -86,7 +87,7 @@ def _sizes() -> list[str]:
     lines += ["| --- | --- |" + " ---: |" * len(SIZES)]
     for geometry in _tables(Scene.model_fields["geometry"].annotation):
         if issubclass(geometry, GeometryBase) and (sizes := geometry.default_sizes) is not None:
-            (kind,) = _literals(geometry.model_fields["kind"].annotation)
+            (kind,) = literals(geometry.model_fields["kind"].annotation)
             length = geometry.model_fields[geometry.sized_by].default
             known = f" = {number_text(1.0 if length is PydanticUndefined else length)} m"
             cells = " | ".join(number_text(getattr(sizes, name)) for name in SIZES)
@@ -102,11 +103,11 @@ def _keys(model: type[Table], prefix: str, only: str, chosen_by: str = "") -> It
     for name, field in model.model_fields.items():
         if name == chosen_by:
             continue
-        key, (members, metadata) = join(prefix, name), _members(field.annotation, list(field.metadata))
+        key, (members, metadata) = join(prefix, name), of_field(field)
         is_dict = [get_args(member) for member in members if get_origin(member) is dict]
         if is_dict:
             key = join(key, "NAME")
-            members, metadata = _members(is_dict[0][1], [])
+            members, metadata = split(is_dict[0][1])
         tables = [table for member in members for table in _tables(member)]
         if not tables:
             yield _leaf(key, only, field, members, metadata, named=bool(is_dict))
@@ -119,8 +120,10 @@ def _keys(model: type[Table], prefix: str, only: str, chosen_by: str = "") -> It
 def _choice(key: str, field: FieldInfo, tables: list[type[Table]], metadata: list[Any]) -> Iterator[Key]:
     """Yield the key that chooses one of several tables, then those of each."""
     tag = next(str(item.discriminator) for item in (*metadata, field) if getattr(item, "discriminator", None))
-    kinds = {_literals(table.model_fields[tag].annotation)[0]: table for table in tables}
-    filled = next((item.func({}) for item in metadata if isinstance(item, BeforeValidator)), {})
+    kinds = {literals(table.model_fields[tag].annotation)[0]: table for table in tables}
+    filled: dict[str, Any] = next(
+        (cast(Any, item.func)({}) for item in metadata if isinstance(item, BeforeValidator)), {}
+    )
     default = _toml(filled[tag]) if tag in filled else NEEDED
     meaning = str(tables[0].model_fields[tag].description).partition(":")[0]
     yield Key(join(key, tag), "", "text", "", default, _quoted(kinds), meaning)
@@ -129,16 +132,15 @@ def _choice(key: str, field: FieldInfo, tables: list[type[Table]], metadata: lis
 
 
 def _leaf(key: str, only: str, field: FieldInfo, members: list[Any], metadata: list[Any], *, named: bool) -> Key:
-    literals = [name for member in members for name in _literals(member)]
+    names = [name for member in members for name in literals(member)]
     rule = next((item for item in metadata if hasattr(item, "accepted")), None)
-    unit = rule.unit if isinstance(rule, Quantity) and rule.unit != "1" else ""
     match rule:
         case Quantity():
             kind, limits = "number", rule.bounds
         case Count():
             kind, limits = "whole number", f"{rule.minimum} to {rule.maximum}"
-        case None if literals:
-            kind, limits = "text", _quoted(literals)
+        case None if names:
+            kind, limits = "text", _quoted(names)
         case None if any(get_origin(member) is tuple for member in members):
             kind, limits = "list of numbers", ""
         case None:
@@ -146,10 +148,10 @@ def _leaf(key: str, only: str, field: FieldInfo, members: list[Any], metadata: l
         case _:
             kind, limits = rule.accepted, ""
     meaning = inspect.cleandoc(field.description or "")
-    for ending in (f", {unit}", ", dimensionless", " (dimensionless)", " (true or false)"):
+    for ending in (f", {unit(field)}", ", dimensionless", " (dimensionless)", " (true or false)"):
         meaning = meaning.removesuffix(ending)
     default = "" if named else NEEDED if field.default is PydanticUndefined else _toml(field.default)
-    return Key(key, only, kind, unit, default, limits, meaning)
+    return Key(key, only, kind, unit(field), default, limits, meaning)
 
 
 def _quoted(names: Iterable[str]) -> str:
@@ -169,25 +171,5 @@ def _toml(value: Any) -> str:
     return str(value)
 
 
-def _members(annotation: Any, metadata: list[Any]) -> tuple[list[Any], list[Any]]:
-    """Return the alternatives of an annotation without None, and what is said of them."""
-    if get_origin(annotation) is Annotated:
-        inner, *said = get_args(annotation)
-        return _members(inner, [*metadata, *said])
-    if get_origin(annotation) in (Union, types.UnionType):
-        found: list[Any] = []
-        for part in get_args(annotation):
-            if part is not types.NoneType:
-                members, metadata = _members(part, metadata)
-                found += members
-        return found, metadata
-    return [annotation], metadata
-
-
 def _tables(annotation: Any) -> list[type[Table]]:
-    members, _ = _members(annotation, [])
-    return [member for member in members if isinstance(member, type) and issubclass(member, Table)]
-
-
-def _literals(annotation: Any) -> list[str]:
-    return list(get_args(annotation)) if get_origin(annotation) is Literal else []
+    return [member for member in split(annotation)[0] if isinstance(member, type) and issubclass(member, Table)]

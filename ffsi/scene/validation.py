@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import re
-import types
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Union, get_args, get_origin
+from typing import TYPE_CHECKING, Any, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
+from ffsi.scene.annotations import literals, members
 from ffsi.scene.errors import SHOWN_PROBLEMS, Problem, join, names, nearest, short
 
 if TYPE_CHECKING:
@@ -107,22 +107,12 @@ def _quoted(text: str) -> list[str]:
 # Walking along a location through the models ------------------------------------------------------------------
 
 
-def _members(annotation: Any) -> list[Any]:
-    """Return the alternatives of an annotation without None, and without Annotated around it."""
-    if get_origin(annotation) is Annotated:
-        return _members(get_args(annotation)[0])
-    if get_origin(annotation) in (Union, types.UnionType):
-        return [member for part in get_args(annotation) for member in _members(part) if member is not types.NoneType]
-    return [annotation]
-
-
 def _models(annotation: Any) -> list[Model]:
-    return [member for member in _members(annotation) if isinstance(member, type) and issubclass(member, BaseModel)]
+    return [member for member in members(annotation)[0] if isinstance(member, type) and issubclass(member, BaseModel)]
 
 
 def _literals(model: Model, field: str) -> list[str]:
-    annotation = model.model_fields[field].annotation if field in model.model_fields else None
-    return list(get_args(annotation)) if get_origin(annotation) is Literal else []
+    return literals(model.model_fields[field].annotation) if field in model.model_fields else []
 
 
 def _walk(root: Model, location: tuple[int | str, ...]) -> Iterator[tuple[list[str], list[Model]]]:
@@ -141,7 +131,7 @@ def _walk(root: Model, location: tuple[int | str, ...]) -> Iterator[tuple[list[s
                 field = models[0].model_fields.get(str(item)) if len(models) == 1 else None
                 annotation = field.annotation if field else None
             else:
-                tables = [member for member in _members(annotation) if get_origin(member) is dict]
+                tables = [member for member in members(annotation)[0] if get_origin(member) is dict]
                 annotation = get_args(tables[0])[1] if tables else None
         yield key, _models(annotation)
 

@@ -1,4 +1,4 @@
-"""The section "A new viscosity law" of docs/extend.md, done to a copy of the program and nothing else, and run there."""
+"""The recipe "A new viscosity law" of docs/extend.md, done to a copy of the program and nothing else, and run."""
 
 import json
 import re

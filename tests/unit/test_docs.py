@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from ffsi.scene import CASES
-from ffsi.scene.keys import keys, markdown
+from ffsi.scene.keys import markdown, scene_keys
 
 ROOT = Path(__file__).parents[2]
 PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md"), *(ROOT / "examples").glob("*.md")])
@@ -62,18 +62,18 @@ def test_the_page_of_the_scene_has_the_keys_of_the_models():
 def test_every_key_of_a_scene_is_among_the_keys(case):
     scene = CASES[case]
     for key in {**scene.parameters(), **scene.words()}:
-        assert keys(key), key
+        assert scene_keys(key), key
 
 
 def test_a_key_says_what_is_accepted():
-    by_key = {(item.key, item.only): item for item in keys()}
+    by_key = {(item.key, item.only): item for item in scene_keys()}
     viscosity = by_key["fluid.viscosity", 'fluid.law = "newtonian"']
     assert (viscosity.unit, viscosity.default, viscosity.range) == ("Pa s", "needed", "> 0")
     assert by_key["fluid.law", ""].default == '"newtonian"'
     assert by_key["solid.NAME.poisson_ratio", 'solid.NAME.material = "neo-hookean"'].range == "> -1 and < 0.5"
     assert by_key["mesh.level", ""].accepted == "whole number 0 to 4"
     assert by_key["geometry.regions.NAME", 'geometry.kind = "mesh"'].meaning
-    assert not [item for item in keys() if not item.meaning or not item.type]
+    assert not [item for item in scene_keys() if not item.meaning or not item.type]
 
 
 # What the README says of a case on a level: the largest error of these quantities, in per cent.
