@@ -1,9 +1,15 @@
 """Strongly coupled fluid-structure interaction in 2D: monolithic ALE in FreeFEM, driven and verified from Python.
 
-import ffsi
+    import ffsi
 
-result = ffsi.solve(ffsi.load_scene("turek-fsi1", ["mesh.level=1"]))
-result.quantities["drag"]  # N per metre depth
+    result = ffsi.solve("turek-fsi1")  # a case of ffsi.CASES, the path of a TOML file, or a scene
+    result.quantities["drag"]  # N per metre depth
+
+    scene = ffsi.load_scene("turek-fsi1", ["mesh.level=1", "fluid.viscosity=0.9 Pa s"])
+    scene = ffsi.with_values(scene, {"inflow.mean_velocity": 0.25})
+    table = ffsi.sweep(scene, {"fluid.density": [900, 1000]}, "runs/densities")  # pandas
+
+Numbers are SI; a scene also takes strings with a unit. `python -m ffsi --help` is the command line.
 """
 
 from __future__ import annotations
@@ -12,6 +18,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from ffsi.files.errors import InputError
+    from ffsi.freefem import FreeFEMError
     from ffsi.hemodynamics.result import Result, load_result
     from ffsi.run.solve import resume, solve
     from ffsi.run.sweep import sweep
@@ -19,6 +27,8 @@ if TYPE_CHECKING:
 
 __all__ = [
     "CASES",
+    "FreeFEMError",
+    "InputError",
     "Result",
     "Scene",
     "SceneError",
@@ -34,6 +44,8 @@ _HOMES = {
     **dict.fromkeys(("CASES", "Scene", "SceneError", "load_scene", "with_values"), "ffsi.scene"),
     **dict.fromkeys(("Result", "load_result"), "ffsi.hemodynamics.result"),
     **dict.fromkeys(("resume", "solve"), "ffsi.run.solve"),
+    "FreeFEMError": "ffsi.freefem",
+    "InputError": "ffsi.files.errors",
     "sweep": "ffsi.run.sweep",
 }
 
@@ -43,3 +55,8 @@ def __getattr__(name: str) -> Any:
     if name in _HOMES:
         return getattr(import_module(_HOMES[name]), name)
     raise AttributeError(f"module 'ffsi' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    """Return the public names, whether they were used or not."""
+    return sorted({*__all__, *(name for name in globals() if name.startswith("__"))})

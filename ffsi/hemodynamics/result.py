@@ -7,6 +7,7 @@ from typing import Any
 
 import pandas as pd
 
+from ffsi.files.arguments import count_of, path_of
 from ffsi.files.arrays import Floats, read_state
 from ffsi.files.cycles import read_cycles
 from ffsi.files.errors import InputError
@@ -110,7 +111,8 @@ def load_result(directory: str | Path, point: int | None = None) -> Result:
         InputError: the folder or the point is not there, or its files are damaged, or were changed after the run.
         SceneError: its `scene.toml` cannot be read.
     """
-    return Result.load(Path(directory), point)
+    number = None if point is None else count_of(point, "point")
+    return Result.load(path_of(directory, "directory"), number)
 
 
 def load_results(directory: str | Path, *, believe: bool = False) -> list[Result]:

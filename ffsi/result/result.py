@@ -359,6 +359,13 @@ class PlainResult:
             words.append("last converged state")
         return ", ".join(words)
 
+    def __repr__(self) -> str:
+        """Return case, mesh, status and quantities, for people."""
+        name, values = self.shown_quantities
+        rows = [f"  {key:<24}{value:14.6g} {unit(key)}".rstrip() for key, value in values.items()]
+        heading = f"Result of {self.title}: {self.verdict} {self.reason}".rstrip()
+        return "\n".join([heading, *([f"  {name}:"] if name else []), *rows, f"  in {self.directory}"])
+
     def _repr_html_(self) -> str:
         rows = "".join(
             f"<tr><th>{html.escape(key)}</th><td>{value:.6g}</td><td>{html.escape(unit(key))}</td></tr>"

@@ -7,6 +7,7 @@ import time
 from pathlib import Path
 
 from ffsi.files import folder
+from ffsi.files.arguments import count_of, path_of
 from ffsi.files.errors import InputError
 from ffsi.freefem import FreeFEMError, find_freefem
 from ffsi.freefem.events import OnEvent
@@ -14,11 +15,11 @@ from ffsi.hemodynamics.result import Result
 from ffsi.run.execute import execute, start
 from ffsi.run.point import Point, seconds
 from ffsi.run.resume import check_resumable
-from ffsi.scene import Scene
+from ffsi.scene import Scene, scene_of
 
 
 def solve(
-    scene: Scene,
+    scene: Scene | str | Path,
     out: str | Path | None = None,
     *,
     check: bool = True,
@@ -33,7 +34,7 @@ def solve(
     mean, amplitude and frequency over the last period.
 
     Args:
-        scene: what to solve.
+        scene: what to solve: a scene, the name of a case, or the path of a TOML file.
         out: the run folder; an earlier run in it is replaced. None: a temporary folder that lives as long as the
             Result.
         check: verify the solution with the independent checker; a mismatch makes the status `failed`.
@@ -46,18 +47,25 @@ def solve(
         The Result; a scene that does not converge is a Result with status `failed`, not an exception.
 
     Raises:
-        InputError: `out` cannot be used, or with `resume` holds nothing to go on with.
+        SceneError: there is no such case or file, or it is no valid scene.
+        InputError: `out` cannot be used, or with `resume` holds nothing to go on with; an argument is not accepted.
         FreeFEMNotFound: no FreeFEM on this machine; nothing was written.
         FreeFEMError: the process died or took longer than `solver.time_limit`; `result.json` says so.
     """
     begin = time.perf_counter()
+    scene, threads = scene_of(scene), count_of(threads, "threads")
+    target = None if out is None else path_of(out, "out")
+    if animate is not None and animate not in folder.PICTURES:
+        raise InputError(f"animate = {animate!r}: accepted: {', '.join(folder.PICTURES)}")
+    if on_event is not None and not callable(on_event):
+        raise InputError(f"on_event = {on_event!r}: accepted: a function that takes an event")
     if resume:
-        if out is None:
+        if target is None:
             raise InputError("to resume a run its folder is needed")
-        check_resumable(Path(out))
+        check_resumable(target)
     installation = find_freefem()
-    temporary = tempfile.TemporaryDirectory(prefix=f"ffsi-{scene.name}-") if out is None else None
-    directory = Path(temporary.name if temporary else str(out))
+    temporary = tempfile.TemporaryDirectory(prefix=f"ffsi-{scene.name}-") if target is None else None
+    directory = target or Path(temporary.name if temporary else "")
     point = Point(scene, directory, 1, {}, alone=True)
     with folder.held(directory):
         arguments = start(point, installation, resume)
@@ -91,5 +99,5 @@ def resume(directory: str | Path, *, check: bool = True, on_event: OnEvent | Non
         FreeFEMNotFound: no FreeFEM on this machine.
         FreeFEMError: as `solve`.
     """
-    scene = check_resumable(Path(directory))
+    scene = check_resumable(path_of(directory, "directory"))
     return solve(scene, directory, check=check, on_event=on_event, threads=threads, resume=True)

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import logging
+import numbers
 import os
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 import tomli_w
 
 from ffsi.files import folder
+from ffsi.files.arguments import count_of, path_of
 from ffsi.files.errors import InputError
 from ffsi.freefem import find_freefem, stop_all
 from ffsi.freefem.events import OnEvent
@@ -23,7 +26,7 @@ from ffsi.result import in_time, sweep_definition
 from ffsi.result.table import TABLE, Values, check_count, frame, points
 from ffsi.run.chain import OnResult, run_chain
 from ffsi.run.harvest import chains_of, harvest, points_of
-from ffsi.scene import Scene, load_scene, with_values
+from ffsi.scene import Scene, load_scene, scene_of, with_values
 from ffsi.script.render import is_runtime_parameter
 
 logger = logging.getLogger(__name__)
@@ -65,7 +68,7 @@ def plan(scene: Scene, vary: Mapping[str, Sequence[float]]) -> list[Chain]:
 
 
 def sweep(
-    scene: Scene,
+    scene: Scene | str | Path,
     vary: Mapping[str, Sequence[float]],
     out: str | Path,
     jobs: int = 1,
@@ -80,8 +83,8 @@ def sweep(
     tried again. Points of a scene in time go on from their last checkpoints.
 
     Args:
-        scene: what to solve.
-        vary: dotted keys and their values.
+        scene: what to solve: a scene, the name of a case, or the path of a TOML file.
+        vary: dotted keys and their values, numbers in SI.
         out: the sweep's folder.
         jobs: chains at a time on this machine.
         dask: address of a dask scheduler whose workers see `out` under the same path (extra `dask`).
@@ -94,13 +97,15 @@ def sweep(
         `folder` and `point`.
 
     Raises:
-        InputError: `out` holds something else, or a sweep with another definition; or `dask` is not installed.
+        InputError: `out` holds something else, or a sweep with another definition; or `dask` is not installed; or an
+            argument is not accepted.
         SceneError: a key or a value that the scene does not accept.
         FreeFEMNotFound: no FreeFEM on this machine.
     """
-    scene = scene.settled()  # one script for the points of a chain, also where a default would follow a varied value
+    vary, jobs, directory = _checked(vary), count_of(jobs, "jobs"), path_of(out, "out").absolute()
+    # One script for the points of a chain, also where a default would follow a varied value.
+    scene = scene_of(scene).settled()
     chains = plan(scene, vary)
-    directory = Path(out).absolute()
     defined = sweep_definition.define(scene, vary)
     if dask is None:
         find_freefem()
@@ -118,6 +123,28 @@ def sweep(
         else:
             _run_here(scene, todo, folders, table, jobs, on_event, check)
         return table.write()
+
+
+def _checked(vary: Mapping[str, Sequence[float]]) -> dict[str, list[float]]:
+    """Return what varies, if it is what the command line accepts, too.
+
+    Raises:
+        InputError: it is something else, or a value occurs twice.
+    """
+    if not isinstance(vary, Mapping):
+        raise InputError(f"vary: accepted: keys and their values, such as {{'mesh.level': [0, 1]}}, not {vary!r}")
+    found: dict[str, list[float]] = {}
+    for key, values in vary.items():
+        several = isinstance(values, Iterable) and not isinstance(values, str)
+        given: list[Any] = list(values) if several else []
+        wrong = [item for item in given if isinstance(item, bool) or not isinstance(item, numbers.Real)]
+        if wrong or not several:
+            shown = wrong[0] if wrong else values
+            raise InputError(f"vary {key} = {shown!r}: accepted: a list of numbers in SI, such as [0.02, 0.04]")
+        found[key] = given
+        if len(set(given)) < len(given):
+            raise InputError(f"vary {key}: a value occurs twice")
+    return found
 
 
 def remaining(chain: Chain, done: set[tuple[float, ...]], converged: set[tuple[float, ...]]) -> Chain | None:

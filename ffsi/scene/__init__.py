@@ -4,7 +4,7 @@ from ffsi.scene.boundaries import Boundary, Role
 from ffsi.scene.catalogue import CASES
 from ffsi.scene.errors import Problem, SceneError
 from ffsi.scene.expressions import Expression, ExpressionError
-from ffsi.scene.files import load_scene, stored
+from ffsi.scene.files import load_scene, scene_of, stored
 from ffsi.scene.flow import Forces, Inflow
 from ffsi.scene.fluids import Carreau, Casson, Fluid, Newtonian, PowerLaw
 from ffsi.scene.geometry import (
@@ -78,6 +78,7 @@ __all__ = [
     "boundaries",
     "load_scene",
     "parse_overrides",
+    "scene_of",
     "stored",
     "to_si",
     "with_values",

@@ -14,7 +14,7 @@ SHOWN_PROBLEMS = 20
 _LONGEST_MESSAGE = 6000
 
 
-__all__ = ["SHOWN_PROBLEMS", "Problem", "SceneError", "join", "names", "nearest", "number_text", "short"]
+__all__ = ["SHOWN_PROBLEMS", "Problem", "SceneError", "join", "names", "nearest", "number_text", "of_type", "short"]
 
 
 @dataclass(frozen=True)
@@ -77,6 +77,11 @@ def names(valid: Iterable[str]) -> str:
 def number_text(value: float) -> str:
     """Return a number with at most nine digits and no trailing zeros."""
     return f"{value:.9g}"
+
+
+def of_type(value: Any) -> str:
+    """Return what was given where something of another type is needed: a person may have no idea of its value."""
+    return f"{short(value)} ({type(value).__name__})" if isinstance(value, int | float | str) else type(value).__name__
 
 
 def short(value: Any, limit: int = 60) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -9,7 +10,7 @@ from typing import Any
 from ffsi.files.errors import InputError
 from ffsi.files.reading import MEGABYTE, read_text
 from ffsi.scene.catalogue import CASES
-from ffsi.scene.errors import Problem, SceneError, names, nearest, short
+from ffsi.scene.errors import Problem, SceneError, names, nearest, of_type, short
 from ffsi.scene.geometry import MeshGeometry
 from ffsi.scene.model import Scene
 from ffsi.scene.overrides import parse_overrides, with_values
@@ -26,12 +27,26 @@ def load_scene(case_or_path: str | Path, overrides: Sequence[str] = ()) -> Scene
     Raises:
         SceneError: there is no such case or file, or a key or value is not valid.
     """
+    if not isinstance(case_or_path, str | os.PathLike):
+        accepted = "accepted: the name of a case or of a TOML file"
+        if isinstance(case_or_path, Scene):
+            accepted += "; this is a scene already, ffsi.with_values changes it"
+        raise SceneError([Problem("scene", accepted, of_type(case_or_path))])
     try:
         scene = CASES[case_or_path] if isinstance(case_or_path, str) and case_or_path in CASES else _find(case_or_path)
     except OSError as error:
         raise SceneError([Problem("scene", f"cannot be read: {error.strerror}", short(str(case_or_path)))]) from None
     values = parse_overrides(overrides)
     return with_values(scene, values) if values else scene
+
+
+def scene_of(scene: Scene | str | Path) -> Scene:
+    """Return a scene as it is, and for a name or a path what `load_scene` reads.
+
+    Raises:
+        SceneError: as `load_scene`.
+    """
+    return scene if isinstance(scene, Scene) else load_scene(scene)
 
 
 def stored(scene: Scene, directory: Path) -> Scene:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
+from ffsi.scene import summary
 from ffsi.scene.base import Table, refuse
 from ffsi.scene.boundaries import Boundary
 from ffsi.scene.errors import Problem, SceneError, join, names, nearest, short
@@ -314,6 +315,24 @@ class Scene(Table):
         """Return every word and formula of the scene by its dotted key, but not its name and description."""
         table = self.model_dump(exclude={"name", "description"})
         return {key: value for key, value in _leaves(table) if isinstance(value, str)}
+
+    # For people ---------------------------------------------------------------------------------------------------
+
+    @property
+    def heading(self) -> str:
+        """Name, what is solved, and the description."""
+        what = {"fluid": "a fluid", "solid": "a solid", "fsi": "fluid and solid"}[self.physics]
+        heading = f"Scene {self.name}: {what}, {'steady' if self.steady else 'in time'}"
+        return heading + (f". {self.description}" if self.description else "")
+
+    def __repr__(self) -> str:
+        """Return every table that the scene has, with the units of its values."""
+        return summary.text(self.heading, self)
+
+    __str__ = __repr__
+
+    def _repr_html_(self) -> str:
+        return summary.html(self.heading, self)
 
     # TOML ---------------------------------------------------------------------------------------------------------
 

@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from ffsi.scene.errors import Problem, SceneError, short
+from ffsi.scene.errors import Problem, SceneError, of_type, short
 from ffsi.scene.flow import VELOCITIES, WAVEFORMS
 from ffsi.scene.fluids import LAWS
 from ffsi.scene.materials import ELASTIC_CONSTANTS, ELASTIC_PAIRS, MATERIALS, PAIRS_TEXT, CompressibleElastic, Elastic
@@ -29,8 +29,11 @@ def parse_overrides(overrides: Iterable[str]) -> dict[str, Any]:
     """
     values: dict[str, Any] = {}
     problems = []
+    if isinstance(overrides, str | Mapping) or not isinstance(overrides, Iterable):
+        accepted = 'accepted: a list of texts such as ["mesh.level=1"]; ffsi.with_values takes {"mesh.level": 1}'
+        raise SceneError([Problem("overrides", accepted, of_type(overrides))])
     for text in overrides:
-        key, equals, value = text.partition("=")
+        key, equals, value = text.partition("=") if isinstance(text, str) else ("", "", "")
         key = key.strip()
         if not equals or not _KEY.fullmatch(key):
             problems.append(Problem("override", "accepted: key=value, such as mesh.level=1", short(text)))
@@ -60,6 +63,11 @@ def with_values(scene: Scene, values: Mapping[str, Any]) -> Scene:
     Raises:
         SceneError: a key or value is not valid.
     """
+    if not isinstance(scene, Scene):
+        raise SceneError([Problem("scene", "accepted: a scene, such as load_scene returns", of_type(scene))])
+    if not isinstance(values, Mapping) or not all(isinstance(key, str) for key in values):
+        accepted = 'accepted: a table of keys and values, such as {"mesh.level": 1}'
+        raise SceneError([Problem("values", accepted, of_type(values))])
     table = scene.given()
     problems = []
     if values.get("geometry.kind", scene.geometry.kind) != scene.geometry.kind:
