@@ -85,7 +85,7 @@ keys: setup
 
 docs: setup
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[docs]'
-	@$(BIN)/mkdocs build --quiet --strict
+	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
 
 # Installs packages only when some are missing. Elsewhere than on Debian, `ffsi doctor` says what FreeFEM lacks.
 define APT_INSTALL

@@ -2,6 +2,7 @@
 
 import csv
 import re
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -99,3 +100,25 @@ def test_the_readme_tells_the_errors_that_were_measured(case, level, quantities,
     assert f"{int(row['unknowns']):,} unknowns".replace(",", " ") in line
     if case == "turek-fsi1" and level == 4:
         assert abs(float(row["tip_ux"]) / 2.2681e-5 - 1) < claim / 100
+
+
+def test_the_walk_of_contributing_is_true():
+    """Every file that it names is there, and holds the names that stand beside it."""
+    page = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    section = re.search(r"^## A walk.*?(?=^## )", page, re.DOTALL | re.MULTILINE).group(0)
+    steps = re.findall(r"^\d+\. (.*)$", section, re.MULTILINE)
+    assert len(steps) == 10
+    for step in steps:
+        words = re.findall(r"`([^`]+)`", step)
+        files = [word for word in words if re.fullmatch(r"[\w.-]+/[\w./-]+", word)]
+        texts = [(ROOT / file).read_text(encoding="utf-8") for file in files]
+        for word in set(words) - set(files) - {"result.json"}:
+            name = word.removeprefix("-").replace("_", "[_.]") if word.startswith("-") else re.escape(word)
+            assert any(re.search(name, text) for text in texts), (step, word)
+
+
+def test_the_citation_has_the_version_of_the_program():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    assert f"\nversion: {project['version']}\n" in citation
+    assert f"\n## {project['version']}" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
