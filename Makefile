@@ -70,8 +70,8 @@ $(STUDY)/chain-001/velocity-0010.png:
 	@$(MAKE) run
 
 lint: setup
-	@$(BIN)/ruff check ffsi studies tests
-	@$(BIN)/ruff format --check ffsi studies tests
+	@$(BIN)/ruff check ffsi studies tests examples docs
+	@$(BIN)/ruff format --check ffsi studies tests examples docs
 	@$(BIN)/mypy
 
 edp: setup
