@@ -1,5 +1,6 @@
 """Every example runs, and finds the number that it asserts."""
 
+import re
 import runpy
 import shutil
 from pathlib import Path
@@ -33,6 +34,18 @@ def test_notebook(name, tmp_path):
     shown = [output for cell in notebook.cells for output in cell.get("outputs", [])]
     assert [output for output in shown if "text/html" in output.get("data", {})]
     assert [output for output in shown if "image/png" in output.get("data", {})]
+
+
+def test_the_python_of_the_readme(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    page = (EXAMPLES.parent / "README.md").read_text(encoding="utf-8")
+    (block,) = re.findall(r"^```python\n(.*?)^```$", page, re.DOTALL | re.MULTILINE)
+    assert len([line for line in block.splitlines() if line]) <= 8
+    known: dict[str, object] = {}
+    exec(block, known)
+    assert known["result"].checked
+    assert list(known["table"]["status"]) == 4 * ["converged"]
+    assert "tip_uy" in capsys.readouterr().out
 
 
 def test_the_list_of_examples_is_whole():
