@@ -21,7 +21,7 @@ def on_files(files: Files, config: Any) -> Files:
             if not path.is_relative_to(ROOT) or path.is_relative_to(ROOT / "docs") or path.is_dir():
                 continue
             uri = path.relative_to(ROOT).as_posix()
-            if path.is_file() and uri not in known:
+            if path.is_file() and uri not in known and uri != "README.md":  # it would be a second index
                 known.add(uri)
                 files.append(File.generated(config, uri, abs_src_path=str(path)))
                 if path.suffix == ".md":
@@ -38,6 +38,8 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
         up, name, anchor = match.groups()
         if outside and not depth and name.startswith("docs/"):
             return f"]({name.removeprefix('docs/')}{anchor})"
+        if outside and not depth and name == "README.md":
+            return "](index.md)"
         return f"]({name}{anchor})" if up and not depth and not outside else match.group(0)
 
     return LINK.sub(lead, markdown)

@@ -362,7 +362,7 @@ class PlainResult:
     def __repr__(self) -> str:
         """Return case, mesh, status and quantities, for people."""
         name, values = self.shown_quantities
-        rows = [f"  {key:<24}{value:14.6g} {unit(key)}".rstrip() for key, value in values.items()]
+        rows = [f"  {key:<24}{value:14.6g} {unit(key)}".removesuffix(" 1") for key, value in values.items()]
         heading = f"Result of {self.title}: {self.verdict} {self.reason}".rstrip()
         return "\n".join([heading, *([f"  {name}:"] if name else []), *rows, f"  in {self.directory}"])
 

@@ -13,8 +13,9 @@ from ffsi.scene.errors import join, short
 
 def text(heading: str, scene: Table) -> str:
     """Return the heading, and one line for each table with its values and their units."""
-    rows = [f"  {name:<12} {', '.join(values)}" for name, values in _rows(scene)]
-    return "\n".join([heading, *rows])
+    rows = list(_rows(scene))
+    width = max(len(name) for name, _ in rows)
+    return "\n".join([heading, *(f"  {name:<{width}}  {', '.join(values)}" for name, values in rows)])
 
 
 def html(heading: str, scene: Table) -> str:

@@ -44,9 +44,11 @@ def test_a_dead_link_is_seen(tmp_path):
     assert dead_links(page) == ["#three", "none.md"]
 
 
-def test_every_page_is_in_the_index():
+def test_every_page_is_in_the_index_and_in_the_site():
+    pages = {page.name for page in (ROOT / "docs").glob("*.md")}
     index = (ROOT / "docs/index.md").read_text(encoding="utf-8")
-    assert {page.name for page in (ROOT / "docs").glob("*.md")} == {*re.findall(r"\]\((\w+\.md)\)", index), "index.md"}
+    assert pages == {*re.findall(r"\]\((\w+\.md)\)", index), "index.md"}
+    assert pages == set(re.findall(r"^  - (\w+\.md)$", (ROOT / "mkdocs.yml").read_text(), re.MULTILINE))
 
 
 def test_the_readme_is_short():
