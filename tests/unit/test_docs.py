@@ -1,12 +1,14 @@
 """The pages that people read: their links lead somewhere, and what is generated is what its generator writes."""
 
 import csv
+import json
 import re
 import tomllib
 from pathlib import Path
 
 import pytest
 
+from ffsi.cli.main import main
 from ffsi.scene import CASES
 from ffsi.scene.keys import markdown, scene_keys
 
@@ -77,6 +79,31 @@ def test_a_key_says_what_is_accepted():
     assert by_key["mesh.level", ""].accepted == "whole number 0 to 4"
     assert by_key["geometry.regions.NAME", 'geometry.kind = "mesh"'].meaning
     assert not [item for item in scene_keys() if not item.meaning or not item.type]
+
+
+@pytest.mark.parametrize(
+    ("pattern", "first", "count"),
+    [("outlet", "outlet.kind", 8), ("*velocity", "inflow.mean_velocity", 2), ("solid.flap.c10", "solid.NAME.c10", 1)],
+)
+def test_the_command_lists_a_table_or_a_pattern(pattern, first, count, capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(["keys", pattern, "--json"])
+    found = json.loads(capsys.readouterr().out)
+    assert (ended.value.code, found[0]["key"], len(found)) == (0, first, count)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["fluid.densty"], "no key is 'fluid.densty' (did you mean \"fluid.density\"?)"),
+        (["fluid", "--markdown"], "--markdown prints all keys: give no GLOB and no --json"),
+    ],
+)
+def test_the_command_refuses_what_it_does_not_know(arguments, message, capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(["keys", *arguments])
+    assert ended.value.code == 2
+    assert message in " ".join(capsys.readouterr().err.split())
 
 
 # What the README says of a case on a level: the largest error of these quantities, in per cent.
