@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from ffsi.files.errors import InputError
     from ffsi.freefem import FreeFEMError
     from ffsi.hemodynamics.result import Result, load_result
-    from ffsi.run.solve import resume, solve
+    from ffsi.run.one_scene import resume, solve
     from ffsi.run.sweep import sweep
     from ffsi.scene import CASES, Scene, SceneError, load_scene, with_values
 
@@ -43,7 +43,7 @@ __all__ = [
 _HOMES = {
     **dict.fromkeys(("CASES", "Scene", "SceneError", "load_scene", "with_values"), "ffsi.scene"),
     **dict.fromkeys(("Result", "load_result"), "ffsi.hemodynamics.result"),
-    **dict.fromkeys(("resume", "solve"), "ffsi.run.solve"),
+    **dict.fromkeys(("resume", "solve"), "ffsi.run.one_scene"),
     "FreeFEMError": "ffsi.freefem",
     "InputError": "ffsi.files.errors",
     "sweep": "ffsi.run.sweep",

@@ -18,7 +18,7 @@ from ffsi.files.errors import InputError
 from ffsi.freefem import FreeFEMError, FreeFEMNotFound, stop_all
 from ffsi.freefem.events import OnEvent
 from ffsi.hemodynamics.result import Result
-from ffsi.run.solve import solve
+from ffsi.run.one_scene import solve
 from ffsi.scene import Scene
 
 K = TypeVar("K")

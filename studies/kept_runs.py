@@ -20,7 +20,7 @@ from ffsi.freefem.events import OnEvent
 from ffsi.hemodynamics.result import load_result
 from ffsi.result.in_time import RESUMABLE
 from ffsi.result.quantities import check_maximum
-from ffsi.run.solve import solve
+from ffsi.run.one_scene import solve
 from ffsi.scene import Scene, SceneError, load_scene
 from ffsi.script.render import render
 from studies.harness import side_by_side

@@ -13,7 +13,7 @@ import pint
 
 from ffsi.hemodynamics.result import Result
 from ffsi.result.quantities import unit
-from ffsi.run.solve import solve
+from ffsi.run.one_scene import solve
 from ffsi.scene import CASES, MeshGeometry, Scene, load_scene
 from ffsi.scene.flow import PROFILES, WOMERSLEY
 from ffsi.scene.waveforms import named_waveforms

@@ -145,7 +145,7 @@ def run(
     Exit codes: 0 solved and checked, 1 the check failed, 2 bad input, 3 not converged (partial results are kept),
     4 FreeFEM missing or crashed or the machine out of disk, memory or time.
     """
-    from ffsi.run.solve import solve
+    from ffsi.run.one_scene import solve
 
     if resume is not None:
         if case is not None or settings or out is not None:

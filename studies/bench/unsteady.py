@@ -23,7 +23,7 @@ from ffsi.files.history import read_history
 from ffsi.files.manifest import begin, newest_checkpoint
 from ffsi.freefem import FreeFEMError, FreeFEMNotFound, find_freefem
 from ffsi.hemodynamics.result import load_result
-from ffsi.run.solve import resume
+from ffsi.run.one_scene import resume
 from ffsi.scene import Scene, load_scene
 from ffsi.script.render import render
 from studies.bench import time_steps

@@ -15,7 +15,7 @@ from ffsi.files.errors import InputError
 from ffsi.hemodynamics.result import Result, load_result
 from ffsi.report import walls
 from ffsi.result import pictures
-from ffsi.run.solve import solve
+from ffsi.run.one_scene import solve
 from ffsi.scene import Scene
 from studies.harness import Study
 from studies.paper.aneurysm_text import document

@@ -8,7 +8,7 @@ import pytest
 
 from ffsi.freefem import find_freefem, run_script
 from ffsi.hemodynamics.result import Result
-from ffsi.run.solve import solve
+from ffsi.run.one_scene import solve
 from ffsi.scene import Scene, load_scene
 
 # A shell that starts the tests in the background ignores SIGINT, and so would the processes that they interrupt.

@@ -9,7 +9,7 @@ from pathlib import Path
 from conftest import scene_of
 
 from ffsi.result.published import references_for
-from ffsi.run.solve import solve
+from ffsi.run.one_scene import solve
 from ffsi.scene import CASES
 
 STEADY = {name: scene for name, scene in CASES.items() if scene.time is None}

@@ -19,7 +19,7 @@ from ffsi.files.cycles import read_cycle
 from ffsi.hemodynamics.result import Result
 from ffsi.hemodynamics.walls import wall_labels, wall_points, wall_shear_stress
 from ffsi.report import write_report
-from ffsi.run.solve import solve
+from ffsi.run.one_scene import solve
 from ffsi.scene import CASES, Scene
 from studies.verification.far_from_dome import far_flow
 

@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 import ffsi
 from ffsi.freefem import Event
 from ffsi.hemodynamics.result import Result
-from ffsi.run.solve import solve
+from ffsi.run.one_scene import solve
 from ffsi.scene import CASES, Scene
 
 RAMPED = {"mean_velocity": 0.1, "waveform": "mca", "ramp": 0.2}

@@ -17,7 +17,7 @@ from conftest import scene_of
 from ffsi.files.arrays import RawState, read_mesh, read_state, write_state
 from ffsi.freefem import FreeFEMError
 from ffsi.hemodynamics.result import load_result
-from ffsi.run.solve import solve
+from ffsi.run.one_scene import solve
 
 COMMAND = [sys.executable, "-c", "from ffsi.cli.main import main; main()"]
 LEVEL_0 = ["--set", "mesh.level=0"]

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from ffsi.hemodynamics.result import Result
-from ffsi.run.solve import solve
+from ffsi.run.one_scene import solve
 from ffsi.scene import Scene, load_scene
 
 QUIET = ["mesh.level=0", "output.pictures=false", "output.vtu=false"]

@@ -13,7 +13,7 @@ from conftest import PLAIN
 import ffsi
 from ffsi.hemodynamics.result import Result
 from ffsi.reference import check_run
-from ffsi.run.solve import solve
+from ffsi.run.one_scene import solve
 from ffsi.scene import Scene, load_scene
 from ffsi.script.render import render
 

@@ -10,7 +10,7 @@ from conftest import PLAIN
 
 from ffsi.files.arrays import read_mesh, read_state
 from ffsi.hemodynamics.result import Result
-from ffsi.run.solve import solve
+from ffsi.run.one_scene import solve
 from ffsi.scene import load_scene
 
 SMALL = ["mesh.level=0", "mesh.size_factor=2", "time.stop=end", *PLAIN]

@@ -6,7 +6,7 @@ import pytest
 from conftest import PLAIN
 
 from ffsi.hemodynamics.result import Result
-from ffsi.run.solve import solve
+from ffsi.run.one_scene import solve
 from ffsi.scene import Scene, load_scene
 
 SWING = ["mesh.level=0", "time.end=0.4", "time.stop=end"]

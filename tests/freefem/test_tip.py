@@ -10,7 +10,7 @@ from unit.vessel_meshes import Drawing
 
 from ffsi.files.arrays import read_mesh, read_state
 from ffsi.hemodynamics.result import Result
-from ffsi.run.solve import solve
+from ffsi.run.one_scene import solve
 from ffsi.scene import load_scene
 
 # On the upper edge, on an edge between two triangles, within two triangles: all off the nodes and off the middles.

@@ -19,7 +19,7 @@ from ffsi.files.steps import read_steps
 from ffsi.freefem import Event
 from ffsi.hemodynamics.result import Result, load_result
 from ffsi.reference import check_run
-from ffsi.run.solve import solve
+from ffsi.run.one_scene import solve
 from ffsi.scene import Scene, load_scene
 from ffsi.script.render import render
 

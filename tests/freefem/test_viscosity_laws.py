@@ -12,7 +12,7 @@ from test_newton import orders
 import ffsi
 from ffsi.freefem import run_script
 from ffsi.hemodynamics.result import Result
-from ffsi.run.solve import solve
+from ffsi.run.one_scene import solve
 from ffsi.scene import Fluid, Scene
 from ffsi.scene.fluids import LAWS
 from ffsi.script.render import parameters, render

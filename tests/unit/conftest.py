@@ -8,7 +8,7 @@ import pytest
 from run_folders import FakeCheck, FakeFreeFEM
 from time_folders import FakeTimeFreeFEM
 
-from ffsi.run import chain, execute, solve, sweep, watch
+from ffsi.run import chain, execute, one_scene, sweep, watch
 from studies import kept_runs
 from studies.bench import unsteady as bench_unsteady
 
@@ -20,7 +20,7 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 def freefem(monkeypatch) -> FakeFreeFEM:
     fake = FakeFreeFEM()
     monkeypatch.setattr(execute, "run_script", fake.run_script)
-    for module in (solve, chain, sweep):
+    for module in (one_scene, chain, sweep):
         monkeypatch.setattr(module, "find_freefem", lambda: SimpleNamespace(has_mumps=True))
     monkeypatch.setattr(execute, "render", lambda scene, mumps: f"// {scene.name}, MUMPS {mumps}\n")
     return fake
@@ -30,7 +30,7 @@ def freefem(monkeypatch) -> FakeFreeFEM:
 def in_time(monkeypatch) -> FakeTimeFreeFEM:
     fake = FakeTimeFreeFEM()
     monkeypatch.setattr(execute, "run_script", fake.run_script)
-    for module in (solve, chain, sweep, kept_runs, bench_unsteady):
+    for module in (one_scene, chain, sweep, kept_runs, bench_unsteady):
         monkeypatch.setattr(module, "find_freefem", lambda: SimpleNamespace(has_mumps=True))
     for module in (execute, kept_runs, bench_unsteady):
         monkeypatch.setattr(module, "render", lambda scene, mumps: f"// {scene.name}, MUMPS {mumps}\n")

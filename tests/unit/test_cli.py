@@ -10,7 +10,7 @@ from run_folders import make_run
 from ffsi.cli import show
 from ffsi.cli.main import main
 from ffsi.freefem import FreeFEMNotFound
-from ffsi.run import solve
+from ffsi.run import one_scene
 from ffsi.scene import CASES
 from studies.__main__ import main as studies
 
@@ -155,7 +155,7 @@ def test_an_earlier_result_is_not_taken_for_that_of_a_run_that_never_started(cap
     def missing():
         raise FreeFEMNotFound("missing-binary", "no FreeFem++ on this machine")
 
-    monkeypatch.setattr(solve, "find_freefem", missing)
+    monkeypatch.setattr(one_scene, "find_freefem", missing)
     code, out, err = call(capsys, "run", "flap-svk", *LEVEL, "--json")
     assert code == 4
     assert json.loads(out)["status"] == "failed"

@@ -15,7 +15,7 @@ from ffsi.files.errors import InputError
 from ffsi.freefem import FreeFEMError
 from ffsi.hemodynamics.result import load_result, load_results
 from ffsi.report import write_report
-from ffsi.run import solve, sweep
+from ffsi.run import one_scene, sweep
 from ffsi.scene import load_scene
 
 pytestmark = pytest.mark.usefixtures("check")
@@ -110,7 +110,7 @@ def refused_by_check(capsys, directory: Path) -> bool:
 
 
 def test_what_is_whole_passes(capsys, tmp_path, freefem, made, copy_of):
-    directory = copy_of(made("steady", lambda path: solve.solve(SCENE, path)))
+    directory = copy_of(made("steady", lambda path: one_scene.solve(SCENE, path)))
     assert load_result(directory).checked
     assert not refused_by_check(capsys, directory)
     swept = made("sweep", lambda path: sweep.sweep(SCENE, VALUES, path))
@@ -121,7 +121,7 @@ def test_what_is_whole_passes(capsys, tmp_path, freefem, made, copy_of):
 @pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize("name", STEADY)
 def test_a_damaged_run_is_noticed(capsys, tmp_path, freefem, made, copy_of, name, way):
-    directory = copy_of(made("steady", lambda path: solve.solve(SCENE, path)))
+    directory = copy_of(made("steady", lambda path: one_scene.solve(SCENE, path)))
     WAYS[way](directory / name)
     assert refused_by_check(capsys, directory)
     with pytest.raises(ValueError):
@@ -131,7 +131,7 @@ def test_a_damaged_run_is_noticed(capsys, tmp_path, freefem, made, copy_of, name
 @pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize("name", IN_TIME)
 def test_a_damaged_run_in_time_is_noticed(capsys, tmp_path, in_time, made, copy_of, name, way):
-    directory = copy_of(made("time", lambda path: solve.solve(scene_in_time(), path)))
+    directory = copy_of(made("time", lambda path: one_scene.solve(scene_in_time(), path)))
     WAYS[way](directory / name)
     assert refused_by_check(capsys, directory)
     with pytest.raises(ValueError):
@@ -140,7 +140,7 @@ def test_a_damaged_run_in_time_is_noticed(capsys, tmp_path, in_time, made, copy_
 
 def died_at_23(path: Path) -> None:
     with pytest.raises(FreeFEMError):
-        solve.solve(scene_in_time(), path)
+        one_scene.solve(scene_in_time(), path)
     (path / "result.json").unlink()
 
 
@@ -149,7 +149,7 @@ def go_on(in_time, made, copy_of, damage) -> tuple[Path, Path]:
     in_time.die = 23
     directory = copy_of(made("died", died_at_23))
     in_time.die = None
-    whole = made("time", lambda path: solve.solve(scene_in_time(), path))
+    whole = made("time", lambda path: one_scene.solve(scene_in_time(), path))
     damage(directory)
     in_time.first_steps.clear()
     assert ffsi.resume(directory).converged
@@ -213,7 +213,7 @@ def test_without_a_whole_checkpoint_a_run_does_not_go_on(in_time, made, copy_of,
 @pytest.mark.parametrize("name", ["history.csv", "point-0001.json", "point-0001.bin", "newton.csv"])
 def test_what_a_script_has_written_to_its_end_is_read_only_if_it_is_whole(in_time, made, copy_of, name, caplog):
     """Python was killed before it wrote the result; the last checkpoint is that of the last step."""
-    whole = made("time", lambda path: solve.solve(scene_in_time(), path))
+    whole = made("time", lambda path: one_scene.solve(scene_in_time(), path))
     directory = copy_of(whole)
     (directory / "result.json").unlink()
     flip(directory / name)
@@ -273,7 +273,7 @@ def test_swapped_results_are_noticed(capsys, freefem, made, copy_of):
 def test_an_altered_result_with_another_checksum_is_noticed_by_its_files(capsys, freefem, made, copy_of):
     from ffsi.files import seals
 
-    directory = copy_of(made("steady", lambda path: solve.solve(SCENE, path)))
+    directory = copy_of(made("steady", lambda path: one_scene.solve(SCENE, path)))
     data = json.loads((directory / "result.json").read_text())
     data["quantities"]["tip_ux"] = 9.99
     seals.write(directory / "result.json", data)
@@ -282,7 +282,7 @@ def test_an_altered_result_with_another_checksum_is_noticed_by_its_files(capsys,
 
 
 def test_a_result_of_an_older_version_is_not_called_checked(capsys, freefem, made, copy_of):
-    directory = copy_of(made("steady", lambda path: solve.solve(SCENE, path)))
+    directory = copy_of(made("steady", lambda path: one_scene.solve(SCENE, path)))
     data = json.loads((directory / "result.json").read_text())
     del data["digest"]
     (directory / "result.json").write_text(json.dumps(data))
@@ -293,12 +293,12 @@ def test_a_result_of_an_older_version_is_not_called_checked(capsys, freefem, mad
 
 @pytest.mark.parametrize("name", ["case.edp", "mesh.bin", "result.json", "freefem.log", "history.csv"])
 def test_nothing_is_written_through_a_link(tmp_path, freefem, name):
-    solve.solve(SCENE, tmp_path / "run")
+    one_scene.solve(SCENE, tmp_path / "run")
     (tmp_path / "precious.txt").write_text("mine")
     (tmp_path / "run" / name).unlink(missing_ok=True)
     (tmp_path / "run" / name).symlink_to(tmp_path / "precious.txt")
     with pytest.raises(InputError, match=f"{name} is a symbolic link"):
-        solve.solve(SCENE, tmp_path / "run")
+        one_scene.solve(SCENE, tmp_path / "run")
     assert (tmp_path / "precious.txt").read_text() == "mine"
 
 

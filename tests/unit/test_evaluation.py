@@ -15,7 +15,7 @@ from ffsi.hemodynamics.result import Result, load_result
 from ffsi.hemodynamics.state import WallState
 from ffsi.result.evaluation import Notes, attempt, gather
 from ffsi.result.in_time import _quantities
-from ffsi.run import solve
+from ffsi.run import one_scene
 from ffsi.scene import load_scene
 
 LEVEL = ["--set", "mesh.level=0"]
@@ -57,7 +57,7 @@ def test_a_run_keeps_what_can_be_evaluated(tmp_path, freefem: FakeFreeFEM, check
     broken = fails("no ink")
     monkeypatch.setattr(Result, "picture", lambda self, name: broken() if name == "velocity" else draw(self, name))
     monkeypatch.setattr("ffsi.result.vtu.write_vtu", fails())
-    result = solve.solve(load_scene("flap-svk", ["mesh.level=0"]), tmp_path / "run")
+    result = one_scene.solve(load_scene("flap-svk", ["mesh.level=0"]), tmp_path / "run")
     assert (result.status, result.failure, len(check.calls)) == ("converged", "", 1)
     notes = [{"what": "VTU", "why": "no such thing"}, {"what": "picture of the velocity", "why": "no ink"}]
     assert load_result(tmp_path / "run").not_evaluated == result.not_evaluated == notes
@@ -70,7 +70,7 @@ def test_the_walls_keep_what_can_be_evaluated(tmp_path, freefem: FakeFreeFEM, ch
     monkeypatch.setattr("ffsi.hemodynamics.result.reports_walls", lambda scene: True)
     monkeypatch.setattr(WallState, "_stress_by_part", fails("no stress"))
     monkeypatch.setattr("ffsi.hemodynamics.state.at_nodes", fails("no nodes"))
-    result = solve.solve(load_scene("flap-svk", ["mesh.level=0"]), tmp_path / "run")
+    result = one_scene.solve(load_scene("flap-svk", ["mesh.level=0"]), tmp_path / "run")
     assert result.converged and "mass_balance" in result.quantities and "drag" in result.quantities
     assert [note["what"] for note in result.not_evaluated] == [
         "wall shear stress by part", "field of the wall shear stress",
@@ -120,7 +120,7 @@ def test_a_notebook_shows_what_is_missing(tmp_path) -> None:
 
 def test_a_check_that_breaks_keeps_the_solution(tmp_path, freefem: FakeFreeFEM, monkeypatch) -> None:
     monkeypatch.setattr("ffsi.reference.check_run", fails("index out of range"))
-    result = solve.solve(load_scene("flap-svk", ["mesh.level=0"]), tmp_path / "run")
+    result = one_scene.solve(load_scene("flap-svk", ["mesh.level=0"]), tmp_path / "run")
     assert (result.failure, result.solved) == ("check", True)
     assert "could not be done: index out of range" in result.reason
 
@@ -128,4 +128,4 @@ def test_a_check_that_breaks_keeps_the_solution(tmp_path, freefem: FakeFreeFEM, 
 def test_bad_input_before_a_run_is_none_of_this(tmp_path, freefem: FakeFreeFEM) -> None:
     (tmp_path / "file").write_text("x")
     with pytest.raises(InputError):
-        solve.solve(load_scene("flap-svk", ["mesh.level=0"]), tmp_path / "file")
+        one_scene.solve(load_scene("flap-svk", ["mesh.level=0"]), tmp_path / "file")

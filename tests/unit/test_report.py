@@ -19,7 +19,7 @@ from ffsi.report import curves, formulas, write_report
 from ffsi.result import pictures
 from ffsi.result.fields import Fields
 from ffsi.result.words import tally
-from ffsi.run import chain, execute, solve, sweep
+from ffsi.run import chain, execute, one_scene, sweep
 from ffsi.scene import load_scene
 
 KEY = "inflow.mean_velocity"
@@ -308,7 +308,7 @@ def test_report_of_a_sweep(tmp_path, monkeypatch):
     fake = FakeFreeFEM()
     fake.fail = 0.03
     monkeypatch.setattr(execute, "run_script", fake.run_script)
-    for module in (solve, chain, sweep):
+    for module in (one_scene, chain, sweep):
         monkeypatch.setattr(module, "find_freefem", lambda: SimpleNamespace(has_mumps=True))
     monkeypatch.setattr(execute, "render", lambda scene, mumps: "// nothing\n")
     monkeypatch.setattr("ffsi.reference.check_run", FakeCheck())
@@ -339,7 +339,7 @@ def test_only_what_was_checked_is_called_so(tmp_path, freefem, check):
         write_report([tmp_path / name], tmp_path / "report.html")
         html = (tmp_path / "report.html").read_text()
         assert f'<span class="status {"good" if good else "bad"}">{words}</span>' in html
-    solve.solve(scene, tmp_path / "run", check=False)
+    one_scene.solve(scene, tmp_path / "run", check=False)
     write_report([tmp_path / "run"], tmp_path / "report.html")
     assert '<span class="status bad">solved, not checked</span>' in (tmp_path / "report.html").read_text()
 

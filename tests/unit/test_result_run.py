@@ -8,7 +8,7 @@ import pytest
 from ffsi.files.errors import InputError
 from ffsi.freefem import FreeFEMError, FreeFEMNotFound
 from ffsi.hemodynamics.result import load_result, load_results
-from ffsi.run import chain, solve
+from ffsi.run import chain, one_scene
 from ffsi.scene import SceneError, load_scene
 
 CONTRACT = (
@@ -27,7 +27,7 @@ def velocities(*values):
 
 
 def test_solve_leaves_a_complete_folder(tmp_path, freefem, check, scene):
-    result = solve.solve(scene, tmp_path / "run")
+    result = one_scene.solve(scene, tmp_path / "run")
     assert result.converged
     data = json.loads((tmp_path / "run" / "result.json").read_text())
     assert data == result.data
@@ -43,7 +43,7 @@ def test_solve_leaves_a_complete_folder(tmp_path, freefem, check, scene):
 
 
 def test_without_a_folder_the_files_live_as_long_as_the_result(freefem, check, scene):
-    result = solve.solve(scene)
+    result = one_scene.solve(scene)
     directory = result.directory
     assert (directory / "result.json").is_file()
     assert result.at(1.0, 0.2)["region"] == 1
@@ -53,11 +53,11 @@ def test_without_a_folder_the_files_live_as_long_as_the_result(freefem, check, s
 
 def test_a_failed_check_fails_loudly_and_keeps_the_solution(tmp_path, freefem, check, scene):
     check.wrong = 0.12
-    result = solve.solve(scene, tmp_path / "run")
+    result = one_scene.solve(scene, tmp_path / "run")
     assert (result.status, result.failure, result.solved) == ("failed", "check", True)
     assert result.reason == "the reference check disagrees: momentum: the relative residual of the momentum is 1.00e-03"
     assert (tmp_path / "run" / "velocity.png").is_file()
-    assert solve.solve(scene, tmp_path / "run", check=False).converged
+    assert one_scene.solve(scene, tmp_path / "run", check=False).converged
 
 
 def test_a_check_that_cannot_be_done_is_a_failure(tmp_path, freefem, monkeypatch, scene):
@@ -65,13 +65,13 @@ def test_a_check_that_cannot_be_done_is_a_failure(tmp_path, freefem, monkeypatch
         raise ValueError("parameters differ")
 
     monkeypatch.setattr("ffsi.reference.check_run", refuse)
-    result = solve.solve(scene, tmp_path / "run")
+    result = one_scene.solve(scene, tmp_path / "run")
     assert (result.failure, result.reason) == ("check", "the reference check could not be done: parameters differ")
 
 
 def test_not_converged_keeps_the_last_state_and_is_not_checked(tmp_path, freefem, check, scene):
     freefem.fail = 0.12
-    result = solve.solve(scene, tmp_path / "run")
+    result = one_scene.solve(scene, tmp_path / "run")
     assert (result.status, result.failure, result.reason) == ("failed", "not-converged", "J too small")
     assert check.calls == []
     assert (tmp_path / "run" / "fields.vtu").is_file()
@@ -84,7 +84,7 @@ def test_not_converged_keeps_the_last_state_and_is_not_checked(tmp_path, freefem
 def test_a_crash_is_raised_and_recorded(tmp_path, freefem, check, scene):
     freefem.die = 0.12
     with pytest.raises(FreeFEMError, match="SIGSEGV"):
-        solve.solve(scene, tmp_path / "run")
+        one_scene.solve(scene, tmp_path / "run")
     data = json.loads((tmp_path / "run" / "result.json").read_text())
     assert (data["status"], data["failure"]) == ("failed", "crash")
     assert "SIGSEGV" in data["reason"]
@@ -94,14 +94,14 @@ def test_nothing_is_written_without_freefem_or_into_a_foreign_folder(tmp_path, f
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "notes.txt").write_text("x")
     with pytest.raises(InputError, match="not empty"):
-        solve.solve(scene, tmp_path / "mine")
+        one_scene.solve(scene, tmp_path / "mine")
 
     def missing():
         raise FreeFEMNotFound("missing-binary", "no FreeFem++")
 
-    monkeypatch.setattr(solve, "find_freefem", missing)
+    monkeypatch.setattr(one_scene, "find_freefem", missing)
     with pytest.raises(FreeFEMNotFound):
-        solve.solve(scene, tmp_path / "new")
+        one_scene.solve(scene, tmp_path / "new")
     assert sorted(path.name for path in tmp_path.rglob("*")) == ["mine", "notes.txt"]
 
 

@@ -83,7 +83,7 @@ def test_imports_go_down_and_in_no_circle():
         ("freefem.process", "from ..files import arrays", "files.arrays, which is above"),
         ("reference.terms", "from ffsi.text import cut", "reference.terms imports text"),
         ("reference.terms", "from ffsi.freefem import run_script", "reference.terms imports freefem.__init__"),
-        ("run.solve", "from studies.paper import main", "imports the studies"),
+        ("run.one_scene", "from studies.paper import main", "imports the studies"),
         ("scene.units", "from ffsi.scene.model import Scene", "a circle"),
         ("text", "from ffsi.files.errors import InputError", "which is above"),
         ("scene.model", "import_module('ffsi.result.result')", "result.result, which is above"),

@@ -19,7 +19,7 @@ from ffsi.result import in_time, oscillation
 from ffsi.result.in_time import PERIODS, settled
 from ffsi.result.published import references
 from ffsi.result.quantities import flatten, published_value
-from ffsi.run import execute, solve, sweep
+from ffsi.run import execute, one_scene, sweep
 from ffsi.run.chain import run_chain
 from ffsi.run.watch import Watch
 from ffsi.scene import load_scene
@@ -35,7 +35,7 @@ def files(directory):
 
 
 def test_quantities_are_those_of_the_last_period(tmp_path, in_time):
-    result = solve.solve(scene_in_time("time.end=3"), tmp_path / "run")
+    result = one_scene.solve(scene_in_time("time.end=3"), tmp_path / "run")
     assert result.converged
     assert json.loads((tmp_path / "run" / "result.json").read_text()) == result.data
     found = result.quantities
@@ -57,7 +57,7 @@ def test_quantities_are_those_of_the_last_period(tmp_path, in_time):
 
 
 def test_without_a_full_period_there_are_no_numbers_but_those_of_the_last_state(tmp_path, in_time):
-    result = solve.solve(scene_in_time("time.end=0.5"), tmp_path / "run")
+    result = one_scene.solve(scene_in_time("time.end=0.5"), tmp_path / "run")
     assert result.quantities["drag"] == {"mean": None, "amplitude": None, "frequency": None}
     when, shown = result.shown_quantities
     assert when == "at t = 0.5 s"
@@ -66,7 +66,7 @@ def test_without_a_full_period_there_are_no_numbers_but_those_of_the_last_state(
 
 
 def test_the_steps_are_listed_for_the_checker_and_drawn(tmp_path, in_time):
-    result = solve.solve(scene_in_time("output.vtu=true"), tmp_path / "run")
+    result = one_scene.solve(scene_in_time("output.vtu=true"), tmp_path / "run")
     entries = read_steps(tmp_path / "run")
     assert [entry.step for entry in entries] == [10, 20, 30, 40]
     forces = {"drag": signals(1.0)["drag"], "lift": signals(1.0)["lift"]}
@@ -79,7 +79,7 @@ def test_the_steps_are_listed_for_the_checker_and_drawn(tmp_path, in_time):
 
 def test_a_failed_step_keeps_the_history_and_the_last_good_state(tmp_path, in_time, check):
     in_time.fail = 33
-    result = solve.solve(scene_in_time("output.vtu=true"), tmp_path / "run")
+    result = one_scene.solve(scene_in_time("output.vtu=true"), tmp_path / "run")
     assert (result.status, result.failure, result.reason) == ("failed", "not-converged", "no step")
     assert result.data["time"]["reached"] == 1.6
     assert result.state_file == "failed.bin"
@@ -90,7 +90,7 @@ def test_a_failed_step_keeps_the_history_and_the_last_good_state(tmp_path, in_ti
 def test_a_crash_is_raised_and_keeps_what_was_finished(tmp_path, in_time):
     in_time.die = 27
     with pytest.raises(FreeFEMError, match="killed"):
-        solve.solve(scene_in_time(), tmp_path / "run")
+        one_scene.solve(scene_in_time(), tmp_path / "run")
     data = json.loads((tmp_path / "run" / "result.json").read_text())
     assert (data["failure"], data["time"]["steps"]) == ("crash", 27)
     assert len(load_result(tmp_path / "run").history) == 27
@@ -102,14 +102,14 @@ def test_a_crash_before_the_first_step(tmp_path, in_time, monkeypatch):
 
     monkeypatch.setattr(execute, "run_script", crash)
     with pytest.raises(FreeFEMError, match="at once"):
-        solve.solve(scene_in_time(), tmp_path / "run")
+        one_scene.solve(scene_in_time(), tmp_path / "run")
     data = json.loads((tmp_path / "run" / "result.json").read_text())
     assert (data["quantities"], data["time"]["reached"], data["time"]["periodic"]) == ({}, 0.0, False)
 
 
 def test_an_earlier_run_is_replaced(tmp_path, in_time):
-    solve.solve(scene_in_time("output.vtu=true"), tmp_path / "run")
-    solve.solve(scene_in_time("time.end=1", "time.output_interval=1"), tmp_path / "run")
+    one_scene.solve(scene_in_time("output.vtu=true"), tmp_path / "run")
+    one_scene.solve(scene_in_time("time.end=1", "time.output_interval=1"), tmp_path / "run")
     states = {name for name in files(tmp_path / "run") if name.startswith(("state", "fields"))}
     assert states == {"state-000019.bin", "state-000020.bin"}
     assert in_time.first_steps == [1, 1]
@@ -119,7 +119,7 @@ def test_an_earlier_run_is_replaced(tmp_path, in_time):
 
 
 def test_it_stops_when_it_is_periodic(tmp_path, in_time):
-    result = solve.solve(scene_in_time("time.stop=periodic", "time.end=50"), tmp_path / "run")
+    result = one_scene.solve(scene_in_time("time.stop=periodic", "time.end=50"), tmp_path / "run")
     assert result.converged
     time = result.data["time"]
     assert time["periodic"]
@@ -128,14 +128,14 @@ def test_it_stops_when_it_is_periodic(tmp_path, in_time):
 
 
 def test_at_the_end_it_need_not_be_periodic(tmp_path, in_time):
-    result = solve.solve(scene_in_time("time.stop=periodic"), tmp_path / "run")
+    result = one_scene.solve(scene_in_time("time.stop=periodic"), tmp_path / "run")
     assert result.converged
     assert not result.data["time"]["periodic"]
 
 
 def test_stopped_by_hand_is_not_finished_and_goes_on(tmp_path, in_time, check):
     in_time.stop_at = 23
-    result = solve.solve(scene_in_time(), tmp_path / "run")
+    result = one_scene.solve(scene_in_time(), tmp_path / "run")
     assert (result.failure, result.reason) == ("stopped", "stopped at t = 1.15 s of 2 s")
     assert result.solved
     assert check.calls == [(2.0, 1)]
@@ -224,7 +224,7 @@ def died(request, tmp_path, in_time):
     """A run that died at some step; Python was killed with it."""
     in_time.die = request.param
     with pytest.raises(FreeFEMError):
-        solve.solve(scene_in_time(), tmp_path / "run")
+        one_scene.solve(scene_in_time(), tmp_path / "run")
     (tmp_path / "run" / "result.json").unlink()
     in_time.die = None
     return tmp_path / "run"
@@ -234,7 +234,7 @@ def test_a_killed_run_goes_on_from_its_last_checkpoint_and_comes_to_the_same(die
     steps = len(load_history(died))
     result = ffsi.resume(died)
     assert result.converged
-    whole = solve.solve(scene_in_time(), tmp_path / "whole")
+    whole = one_scene.solve(scene_in_time(), tmp_path / "whole")
     for name in ("history.csv", "newton.csv", "steps.csv"):
         assert (died / name).read_text() == (tmp_path / "whole" / name).read_text()
     assert result.quantities == whole.quantities
@@ -251,7 +251,7 @@ def test_a_resumed_run_that_dies_goes_on_again(tmp_path, in_time):
     for step in (8, 18, 29):
         in_time.die = step
         with pytest.raises(FreeFEMError):
-            solve.solve(scene_in_time(), tmp_path / "run", resume=step > 8)
+            one_scene.solve(scene_in_time(), tmp_path / "run", resume=step > 8)
     in_time.die = None
     assert ffsi.resume(str(tmp_path / "run")).converged
     assert in_time.first_steps == [1, 6, 16, 26]
@@ -261,14 +261,14 @@ def test_a_resumed_run_that_dies_goes_on_again(tmp_path, in_time):
 def test_the_checkpoint_in_use_is_not_the_next_one_to_be_written(tmp_path, in_time):
     in_time.die = 8  # only checkpoint-a, of step 5, is there
     with pytest.raises(FreeFEMError):
-        solve.solve(scene_in_time(), tmp_path / "run")
+        one_scene.solve(scene_in_time(), tmp_path / "run")
     in_time.die = None
     ffsi.resume(tmp_path / "run")
     assert in_time.arguments[-1]["resume"].endswith("checkpoint-b.bin")
 
 
 def test_if_the_script_had_ended_only_the_rest_is_done(tmp_path, in_time, check):
-    solve.solve(scene_in_time(), tmp_path / "run")
+    one_scene.solve(scene_in_time(), tmp_path / "run")
     (tmp_path / "run" / "result.json").unlink()
     check.calls.clear()
     assert ffsi.resume(tmp_path / "run").converged
@@ -277,7 +277,7 @@ def test_if_the_script_had_ended_only_the_rest_is_done(tmp_path, in_time, check)
 
 
 def test_a_point_that_was_cut_off_is_computed_again(tmp_path, in_time):
-    solve.solve(scene_in_time(), tmp_path / "run")
+    one_scene.solve(scene_in_time(), tmp_path / "run")
     (tmp_path / "run" / "result.json").unlink()
     point = tmp_path / "run" / "point-0001.json"
     point.write_text(point.read_text()[:50])
@@ -288,7 +288,7 @@ def test_a_point_that_was_cut_off_is_computed_again(tmp_path, in_time):
 def test_own_files_stay_when_a_run_goes_on(tmp_path, in_time):
     in_time.die = 12
     with pytest.raises(FreeFEMError):
-        solve.solve(scene_in_time(), tmp_path / "run")
+        one_scene.solve(scene_in_time(), tmp_path / "run")
     (tmp_path / "run" / "notes.txt").write_text("mine")
     (tmp_path / "run" / ".result.json.77.part").write_text("{")
     in_time.die = None
@@ -336,7 +336,7 @@ def test_what_cannot_be_resumed_is_refused_and_not_touched(tmp_path, in_time, ma
 @pytest.mark.parametrize(("fail", "ending"), [(None, r"\(converged\)"), (33, r"\(failed: no step\)")])
 def test_a_finished_run_is_refused(tmp_path, in_time, fail, ending):
     in_time.fail = fail
-    solve.solve(scene_in_time(), tmp_path / "run")
+    one_scene.solve(scene_in_time(), tmp_path / "run")
     before = files(tmp_path / "run")
     with pytest.raises(InputError, match=rf"is finished {ending}; there is nothing to resume"):
         ffsi.resume(tmp_path / "run")
@@ -346,21 +346,21 @@ def test_a_finished_run_is_refused(tmp_path, in_time, fail, ending):
 def test_another_scene_is_refused(tmp_path, in_time):
     in_time.die = 12
     with pytest.raises(FreeFEMError):
-        solve.solve(scene_in_time(), tmp_path / "run")
+        one_scene.solve(scene_in_time(), tmp_path / "run")
     with pytest.raises(InputError, match="holds a run of another scene"):
-        solve.solve(scene_in_time("fluid.viscosity=2"), tmp_path / "run", resume=True)
+        one_scene.solve(scene_in_time("fluid.viscosity=2"), tmp_path / "run", resume=True)
     with pytest.raises(InputError, match="its folder is needed"):
-        solve.solve(scene_in_time(), resume=True)
+        one_scene.solve(scene_in_time(), resume=True)
 
 
 def test_a_folder_in_use_is_refused(tmp_path, in_time):
     in_time.die = 12
     with pytest.raises(FreeFEMError):
-        solve.solve(scene_in_time(), tmp_path / "run")
+        one_scene.solve(scene_in_time(), tmp_path / "run")
     with folder.held(tmp_path / "run"):
         for resume in (True, False):
             with pytest.raises(InputError, match="another ffsi is at work in"):
-                solve.solve(scene_in_time(), tmp_path / "run", resume=resume)
+                one_scene.solve(scene_in_time(), tmp_path / "run", resume=resume)
     assert len(load_history(tmp_path / "run")) == 12
 
 

@@ -23,7 +23,7 @@ from ffsi.report.animation import write_animation
 from ffsi.result import pictures, vtu
 from ffsi.result.fields import Fields
 from ffsi.result.words import time_line
-from ffsi.run import execute, solve
+from ffsi.run import execute, one_scene
 
 
 @pytest.fixture(autouse=True)
@@ -155,7 +155,7 @@ def test_animations(capsys, tmp_path, in_time, check, scene_file):
 
 
 def test_one_frame_is_no_animation(tmp_path, in_time, check):
-    result = solve.solve(scene_in_time("time.end=0.5"), tmp_path / "run")
+    result = one_scene.solve(scene_in_time("time.end=0.5"), tmp_path / "run")
     with pytest.raises(InputError, match="holds 1 saved time steps, an animation needs two or more"):
         write_animation(result, "velocity", tmp_path / "a.gif")
     assert not (tmp_path / "a.gif").exists()
@@ -186,7 +186,7 @@ def test_a_series_for_paraview(tmp_path):
 
 
 def test_the_report_shows_the_history(tmp_path, in_time, check):
-    solve.solve(scene_in_time("time.end=3"), tmp_path / "run")
+    one_scene.solve(scene_in_time("time.end=3"), tmp_path / "run")
     write_report([tmp_path / "run"], tmp_path / "report.html")
     text = (tmp_path / "report.html").read_text()
     assert "Over time: t = 3 of 3 s, 60 steps, not periodic" in text
@@ -201,7 +201,7 @@ def test_the_report_of_a_run_that_died_at_once(tmp_path, in_time, check, monkeyp
 
     monkeypatch.setattr(execute, "run_script", crash)
     with pytest.raises(FreeFEMError):
-        solve.solve(scene_in_time(), tmp_path / "run")
+        one_scene.solve(scene_in_time(), tmp_path / "run")
     write_report([tmp_path / "run"], tmp_path / "report.html")
     assert "at once" in (tmp_path / "report.html").read_text()
 

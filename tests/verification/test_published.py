@@ -12,7 +12,7 @@ import pytest
 
 from ffsi.hemodynamics.result import Result
 from ffsi.result.published import references_for
-from ffsi.run.solve import solve
+from ffsi.run.one_scene import solve
 from ffsi.run.sweep import sweep
 from ffsi.scene import CASES, load_scene
 
