@@ -204,7 +204,7 @@ def test_a_cycle_is_the_trapezoidal_sum_over_its_states(law: str, tmp_path: Path
     weights = np.zeros(len(at))
     weights[1:] += np.diff(at) / 2
     weights[:-1] += np.diff(at) / 2
-    cycle = read_cycle(tmp_path / "run" / "wall-0002.bin").at(points)
+    cycle = read_cycle(tmp_path / "run" / "wall-0002.bin").at(points.middle)
     assert (cycle.start, cycle.end) == (pytest.approx(0.1), pytest.approx(0.2))
     scale = float((sizes @ weights).max())
     assert cycle.integral == pytest.approx(polygon @ weights, abs=1e-9 * scale)
