@@ -75,9 +75,7 @@ lint: setup
 	@$(BIN)/mypy
 
 edp: setup
-	@rm -f edp/*.edp
-	@cases=$$($(BIN)/ffsi cases --json | $(BIN)/python -c 'import json, sys; print(*(case["name"] for case in json.load(sys.stdin)))'); \
-	for case in $$cases; do $(BIN)/ffsi render "$$case" -o "edp/$$case.edp"; done
+	@$(BIN)/python -c 'from ffsi.script.render import write_catalogue; write_catalogue("edp")'
 
 keys: setup
 	@sed -i '/^<!-- keys:begin -->$$/q' docs/scene.md

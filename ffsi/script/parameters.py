@@ -14,6 +14,7 @@ from ffsi.scene.units import Count, Quantity
 _POWERS = {"m": (1, 0, 0), "kg": (0, 1, 0), "s": (0, 0, 1), "Pa": (-1, 1, -2), "1": (0, 0, 0)}
 _POWER_LAW = "Pa s^m"
 _FASTEST = "1e4"  # the Reynolds number of what gravity or a pressure may drive, as a unit
+OF_CONSISTENCY = "UnitOfConsistency()"
 
 
 def powers(unit: str) -> tuple[int, int, int]:
@@ -28,17 +29,12 @@ def powers(unit: str) -> tuple[int, int, int]:
     return length, mass, time
 
 
-def formula(unit: str) -> str:
-    """Return a unit as a formula of the script's unitLength, unitMass and unitTime, "1" without dimension."""
+def declarations(unit: str) -> list[str]:
+    """Return what tells the script the unit of a number, nothing without dimension."""
     if unit == _POWER_LAW:
-        return "unitPressure*unitTime^fluidExponent"
-    names = ("unitLength", "unitMass", "unitTime")
-    factors = [
-        name if power == 1 else f"{name}^({power})" if power < 0 else f"{name}^{power}"
-        for name, power in zip(names, powers(unit), strict=True)
-        if power
-    ]
-    return "*".join(factors) or "1"
+        return [OF_CONSISTENCY]
+    found = powers(unit)
+    return ["Unit({}, {}, {})".format(*found)] if any(found) else []
 
 
 @dataclass(frozen=True)
@@ -67,35 +63,28 @@ class Parameter:
         return isinstance(self.value, int)
 
     @property
-    def unit(self) -> str:
-        """Unit in the scene's own system as a formula of the script, "1" without dimension."""
-        return formula(self.limits.unit) if isinstance(self.limits, Quantity) else "1"
-
-    @property
     def kind(self) -> int:
         """0: a change needs a new mesh; 1: can change between the points of one process."""
         return 0 if self.key.startswith(("geometry.", "mesh.", "solver.")) else 1
 
     @property
-    def conditions(self) -> list[tuple[str, str]]:
-        """What the script checks, as the scene does: a condition that a wrong value fulfils, and the words for it."""
+    def declarations(self) -> str:
+        """What the script is told of it: bounds, which it checks as the scene does, and unit."""
+        bounds: dict[str, float | None]
         if isinstance(self.limits, Count):
-            bounds: list[tuple[str, float | None, str]] = [
-                ("<", self.limits.minimum, "at least"),
-                (">", self.limits.maximum, "at most"),
-            ]
+            bounds = {"AtLeast": self.limits.minimum, "AtMost": self.limits.maximum}
         else:
-            bounds = [
-                ("<=", self.limits.above, "greater than"),
-                ("<", self.limits.at_least, "at least"),
-                (">=", self.limits.below, "less than"),
-                (">", self.limits.at_most, "at most"),
-            ]
-        return [
-            (f"{self.variable} {sign} {bound:.16g}", f"{words} {bound:g}")
-            for sign, bound, words in bounds
-            if bound is not None
-        ]
+            limits = self.limits
+            bounds = {
+                "Above": limits.above,
+                "AtLeast": limits.at_least,
+                "Below": limits.below,
+                "AtMost": limits.at_most,
+            }
+        calls = [f"{name}({bound:.16g})" for name, bound in bounds.items() if bound is not None]
+        if isinstance(self.limits, Quantity):
+            calls += declarations(self.limits.unit)
+        return "".join(f" {call};" for call in calls)
 
 
 def units_of(scene: Scene, parameters: Sequence[Parameter]) -> dict[str, Any]:

@@ -6,6 +6,7 @@ parameters of the script with the scene's values as defaults.
 
 from __future__ import annotations
 
+import re
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -13,15 +14,15 @@ from typing import Any, get_args
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-from ffsi.scene import Boundary, Scene, boundaries
+from ffsi.scene import CASES, Boundary, Scene, boundaries
 from ffsi.scene.boundaries import STRUTS
 from ffsi.scene.flow import WOMERSLEY
 from ffsi.scene.geometry import ChannelGeometry
 from ffsi.scene.geometry.mesh import STORED
-from ffsi.scene.materials import CompressibleElastic
+from ffsi.scene.materials import CompressibleElastic, Elastic, WithFormulation
 from ffsi.scene.units import Count, Quantity
 from ffsi.script import weakform
-from ffsi.script.parameters import Parameter, units_of
+from ffsi.script.parameters import OF_CONSISTENCY, Parameter, units_of
 
 # Keys that are no numbers of the mathematics, or decide the structure, and stay in Python.
 PYTHON_ONLY = ("solver.time_limit", "geometry.stent.count")
@@ -60,17 +61,55 @@ def is_runtime_parameter(scene: Scene, key: str) -> bool:
     return any(parameter.key == key and parameter.kind == 1 for parameter in parameters(scene))
 
 
-def render(scene: Scene, *, mumps: bool = True, mesh_file: str = STORED) -> str:
+def render(scene: Scene, *, mumps: bool = True, mesh_file: str = STORED, bundled: bool = True) -> str:
     """Return the complete FreeFEM script of a scene.
 
     Args:
         scene: a valid scene.
         mumps: whether FreeFEM's MUMPS plugin is there; without it the script uses UMFPACK.
         mesh_file: where the script looks for the mesh of a scene with the geometry "mesh" unless told by a flag.
+        bundled: whether the library's files stand in the script, as far as the scene needs them; else it includes them
+            from a folder `lib` beside it.
     """
     context = {**_context(scene, mumps), "mesh_file": mesh_file}
-    text = _environment().get_template("scene.edp.j2").render(context)
-    return text.rstrip() + "\n"
+    text = _environment().get_template("case.edp.j2").render(context).rstrip() + "\n"
+    return bundle(text) if bundled else text
+
+
+def write_catalogue(folder: str) -> None:
+    """Write the scripts of all cases of the catalogue, which include the library, into a folder."""
+    for name, scene in CASES.items():
+        Path(folder, f"{name}.edp").write_text(render(scene, bundled=False), encoding="utf-8")
+
+
+def bundle(text: str) -> str:
+    """Return a script with the library's files in the place of their includes, without what its macros leave out."""
+    lines: list[str] = []
+    defined: set[str] = set()
+    kept: list[bool] = []  # of the conditions that the present line is in
+    pending = text.splitlines()[::-1]
+    while pending:
+        line = pending.pop()
+        if found := re.fullmatch(r"( *)(IFMACRO\(!?\w+\)) (.*) ENDIFMACRO( //.*)?", line):
+            pending += ["ENDIFMACRO", f"{found[1]}{found[3]}{found[4] or ''}", found[2]]
+        elif found := re.fullmatch(r"IFMACRO\((!?)(\w+)\)", line):
+            kept.append((found[2] in defined) != bool(found[1]))
+        elif line == "ENDIFMACRO":
+            kept.pop()
+        elif all(kept):
+            if found := re.fullmatch(r'include "lib/([\w-]+\.idp)"', line):
+                pending += (library_folder() / found[1]).read_text(encoding="utf-8").splitlines()[::-1]
+                continue
+            if found := re.match(r"(?:macro|NewMacro) (\w+)\(", line):
+                defined.add(found[1])
+            lines.append(line)
+    return "\n".join(lines) + "\n"
+
+
+def library_folder() -> Path:
+    """Return the folder of the library that scripts include: `edp/lib` in a checkout, inside the package in a wheel."""
+    package = Path(__file__).parents[1]
+    return package / "lib" if (package / "lib").is_dir() else package.parent / "edp" / "lib"
 
 
 def template_folder() -> Path:
@@ -102,79 +141,218 @@ def _environment() -> Environment:
 def _context(scene: Scene, mumps: bool) -> dict[str, Any]:
     fluid, fsi = scene.fluid is not None, scene.physics == "fsi"
     numbers = parameters(scene)
-    pressed = scene.outlet is not None and scene.outlet.has_pressure
-    slots, n_slots = weakform.fluid_slots(scene)
     components = weakform.components(scene)
     outline = boundaries(scene)
-    curved = [b for b in outline if b.circle and b.role == "no-slip"]
+    curved = [b for b in outline if b.circle or b.curved]
     wet = [b for b in outline if b.role in ("inlet", "outlet", "no-slip", "interface")]
+    parts = [b for b in outline if b.part and b in wet]
     solids = [_solid(scene, name, number) for number, name in _regions(scene) if number > 1]
     fourier = scene.inflow.fourier if scene.inflow else None
+    varying = any(OF_CONSISTENCY in number.declarations for number in numbers)
     mumps = mumps and scene.solver.linear_solver == "mumps"
+    labels = {
+        "fixedDisplacement": _labels(outline, "inlet", "outlet", "no-slip", "clamped") if scene.solid else [],
+        "fixedVelocity": _labels(outline, "inlet", "no-slip", "clamped"),
+        "restingLabels": _labels(outline, "no-slip", "clamped"),
+        "bentLabels": [b.label for b in outline if b.circle and b.role == "no-slip"],
+        "inletLabels": _labels(outline, "inlet"),
+        "outletLabels": _labels(outline, "outlet"),
+        "throughLabels": _labels(outline, "inlet", "outlet"),
+        "fluidLabels": [b.label for b in wet],
+        "interfaceLabels": _labels(outline, "interface"),
+        "wallLabels": _labels(outline, "no-slip", "interface"),
+        "partLabels": [b.label for b in parts],
+        "loadedLabels": _labels(outline, "loaded"),
+        "supportedLabels": _labels(outline, "supported"),
+    }
+    needed = (
+        {"fixedDisplacement", "fixedVelocity", "restingLabels", "interfaceLabels", "wallLabels"}
+        if fluid
+        else {"fixedDisplacement", "fixedVelocity"}
+    )  # even where they are empty
     return {
         "scene": scene,
-        "version": package_version(),
         "mumps": mumps,
         "linear_solver": "MUMPS" if mumps else "UMFPACK",
         "parameters": numbers,
-        "unit_varies": any("fluidExponent" in number.unit for number in numbers),
         **units_of(scene, numbers),
+        "structure": _structure(scene, parts=bool(parts), varying=varying),
         "has_fluid": fluid,
+        "has_mesh_file": scene.geometry.kind == "mesh",
         "fsi": fsi,
+        "unsteady": scene.time is not None,
+        "kinematic": weakform.kinematic(scene),
         "solids": solids,
-        "mixed": [solid for solid in solids if solid["mixed"]],
+        "mixed": any(solid["mixed"] for solid in solids),
         "probes": list(scene.probes),
-        "components": components,
+        "probes_at": lambda axis: ", ".join(_probe(scene, name, axis) for name in scene.probes),
         "arguments": weakform.arguments(scene),
         "fluxes": weakform.fluxes(scene),
-        "boundaries": outline,
+        "depends": weakform.depends(scene),
         "regions": [{"number": number, "name": name} for number, name in _regions(scene)],
-        "curved": curved,
-        "curved_mesh": [b for b in outline if b.circle or b.curved],
+        "boundaries": outline,
+        "boundary_curved": [b in curved for b in outline],
+        "boundary_of_body": [
+            scene.geometry.kind != "mesh" and (bool(b.part) or b.role == "interface") for b in outline
+        ],
+        "labels": [(name, here) for name, here in labels.items() if here or name in needed],
+        "parts": parts,
         "strut_label": STRUTS,
-        "wall_labels": _labels(outline, "no-slip", "interface"),
         "inlet": scene.geometry.inlet if fluid and isinstance(scene.geometry, ChannelGeometry) else None,
-        "inlet_labels": _labels(outline, "inlet"),
-        "through_labels": _labels(outline, "inlet", "outlet"),
-        "outlet_labels": _labels(outline, "outlet"),
-        "interface_labels": _labels(outline, "interface"),
-        "loaded_labels": _labels(outline, "loaded"),
-        "supported_labels": _labels(outline, "supported"),
-        "given_geometry": bool(curved) and not fsi,
-        "fluid_labels": [b.label for b in wet],
-        "parts": [b for b in outline if b.part and b in wet],
-        "displacement_labels": _labels(outline, "inlet", "outlet", "no-slip", "clamped") if "ux" in components else [],
-        "velocity_labels": _labels(outline, "inlet", "no-slip", "clamped") if fluid or scene.time else [],
-        "walls": _labels(outline, "no-slip", "clamped"),
         "fourier": fourier,
-        "womersley": fourier is not None and scene.inflow is not None and scene.inflow.profile == WOMERSLEY,
         "inflow_waveform": _waveform(scene),
         "inflow_profile": scene.inflow.expression.to_freefem({"y": "inletS"}) if scene.inflow else "",
-        "hyperelastic_motion": weakform.hyperelastic_motion(scene),
-        "do_nothing": scene.outlet is not None and scene.outlet.kind != "zero-traction",
-        "outlet_pressure": pressed,
-        # Between rigid walls a constant pressure does no work: the flow is solved without it, what is written has it.
-        "pressure_level": pressed and not scene.solid,
-        "outlet_load": pressed and bool(scene.solid),
-        "outlet_resistance": scene.outlet is not None and scene.outlet.kind in ("resistance", "windkessel"),
-        "hydrostatic": scene.outlet is not None and bool(scene.outlet.hydrostatic),
-        "windkessel": scene.outlet is not None and scene.outlet.kind == "windkessel" and scene.time is not None,
-        "backflow": scene.outlet is not None and scene.outlet.backflow is not None,
-        "momentum": weakform.momentum(scene),
-        "kinematic": weakform.kinematic(scene),
-        "unsteady": scene.time is not None,
-        "fluid_slots": slots,
-        "n_slots": n_slots,
-        "jacobian": weakform.jacobian(scene),
-        "condensed": weakform.condensed(scene) if scene.time else None,
+        "theta_of_step": _theta(scene),
+        "outlet_pressure": scene.outlet is not None and scene.outlet.has_pressure,
+        "outflow_resistance": _outflow_resistance(scene),
+        "outlet_text": _outlet_text(scene),
+        "viscosity_text": "a constant mu" if scene.fluid and scene.fluid.law == "newtonian" else "mu of the shear rate",
+        "better_mesh_motion": _better_mesh_motion(scene),
+        "unknowns_text": ", ".join(components),
+        "machinery": _machinery(scene),
+        "ints": lambda values: f"[{', '.join(str(int(value)) for value in values)}]",
+        "reals": lambda values: f"[{', '.join(str(value) for value in values)}]",
+        "words": lambda values: "[{}]".format(", ".join(f'"{value}"' for value in values)),
     }
 
 
+def _structure(scene: Scene, *, parts: bool, varying: bool) -> list[str]:
+    """Return the names of the macros that the scene's script defines: what it is made of."""
+    fluid, solid, time, outlet, geometry = scene.fluid, bool(scene.solid), scene.time, scene.outlet, scene.geometry
+    pressed, hyperelastic = outlet is not None and outlet.has_pressure, weakform.hyperelastic_motion(scene)
+    coupled = scene.physics == "fsi"
+    bends = any(b.circle and b.role == "no-slip" for b in boundaries(scene))
+    found = {
+        "inTime": time,
+        "hasFluid": fluid,
+        "hasSolid": solid,
+        "isCoupled": coupled,
+        "hasVelocity": fluid or time,
+        "hasPressure": "p" in weakform.components(scene),
+        "hasKinematics": weakform.kinematic(scene),
+        "hasMixedSolid": any(law.mixed for law in scene.solid.values()),
+        "hasHyperelasticMotion": hyperelastic,
+        "hasLinearMotion": coupled and not hyperelastic,
+        "isNewtonian": fluid and fluid.law == "newtonian",
+        "hasGravity": scene.gravity,
+        "hasSolidWeight": scene.gravity and solid,
+        "hasTraction": scene.traction,
+        "hasSupport": any(b.role == "supported" for b in boundaries(scene)),
+        "hasBends": bends,
+        "hasGivenBends": bends and not coupled,
+        "hasParts": parts,
+        "hasDoNothing": outlet and outlet.kind != "zero-traction",
+        "hasOutletPressure": pressed,
+        # Between rigid walls a constant pressure does no work: the flow is solved without it, what is written has it.
+        "hasPressureLevel": pressed and not solid,
+        "hasOutletLoad": pressed and solid,
+        "hasResistance": outlet and outlet.kind in ("resistance", "windkessel"),
+        "hasWindkessel": outlet and outlet.kind == "windkessel" and time,
+        "hasHydrostatic": outlet and outlet.hydrostatic,
+        "hasBackflow": outlet and outlet.backflow is not None,
+        "hasRamp": scene.inflow and scene.inflow.ramp,
+        "hasFourier": scene.inflow and scene.inflow.fourier,
+        "hasWomersley": _womersley(scene),
+        "hasWallStress": scene.output.wall,
+        "hasSmallestStep": time and time.smallest_step,
+        "hasOutputInterval": time and time.output_interval,
+        "hasCheckpointInterval": time and time.checkpoint_interval,
+        "startsCoarse": scene.solver.start == "coarse" and not time,
+        "unitVaries": varying,
+        "hasMeshFile": geometry.kind == "mesh",
+        "hasRootSize": geometry.kind == "flap-channel" and scene.mesh.root_size is not None,
+        "hasRoof": getattr(geometry, "roof", None),
+        "hasBeam": getattr(geometry, "beam", None),
+        "hasStent": getattr(geometry, "stent", None),
+        "hasPressureDifference": geometry.kind == "channel-cylinder" and not geometry.beam,
+    }
+    return [name for name, here in found.items() if here]
+
+
+def _machinery(scene: Scene) -> list[str]:
+    """Return the library's files that come after the weak form, in their order."""
+    outlet, fluid = scene.outlet, scene.fluid is not None
+    special = outlet is not None and (outlet.has_pressure or outlet.backflow is not None or outlet.hydrostatic)
+    found = {
+        "outlet": special,
+        "constant-rows": True,
+        "residual": True,
+        "jacobian": True,
+        "newton": True,
+        "forces": fluid,
+        "output": True,
+        "evidence": True,
+    }
+    steady = dict.fromkeys(("continuation", "failure", "main"), True)
+    in_time = {
+        "womersley": _womersley(scene),
+        "energy": True,
+        "start-of-step": True,
+        "condensed": True,
+        "step-forces": True,
+        "wall": bool(scene.output.wall),
+        "time-steps": True,
+        "checkpoints": True,
+        "failure-in-time": True,
+        "main-in-time": True,
+    }
+    return [name for name, here in (found | (in_time if scene.time else steady)).items() if here]
+
+
+def _womersley(scene: Scene) -> bool:
+    return scene.inflow is not None and scene.inflow.profile == WOMERSLEY and scene.inflow.fourier is not None
+
+
 def _waveform(scene: Scene) -> str:
-    """Return the waveform as FreeFEM text: a formula in t, or the sum of its Fourier series."""
-    if scene.inflow is None:
+    """Return the waveform as FreeFEM text: a formula in t, or the sum of its Fourier series; Womersley's has it."""
+    if scene.inflow is None or _womersley(scene):
         return "1"
-    return "Waveform(at)" if scene.inflow.fourier else scene.inflow.waveform_expression.to_freefem()
+    return "Waveform(at)" if scene.inflow.fourier else f"({scene.inflow.waveform_expression.to_freefem()})"
+
+
+def _theta(scene: Scene) -> str:
+    """Return theta of a step of length k."""
+    fixed = {"backward-euler": "1", "crank-nicolson": "0.5"}
+    return fixed.get(scene.time.scheme, "min(1., 0.5+timeShift*k)") if scene.time else ""
+
+
+def _outflow_resistance(scene: Scene) -> str:
+    """Return d p_out / d Q, of a step."""
+    if scene.outlet is None or scene.outlet.kind == "pressure":
+        return "0."
+    if scene.outlet.kind == "resistance":
+        return "outletResistance"
+    distal = "timeTheta/(outletCompliance/timeK+timeTheta/outletDistalResistance)" if scene.time else ""
+    return f"(outletProximalResistance + {distal or 'outletDistalResistance'})"
+
+
+def _outlet_text(scene: Scene) -> str:
+    """Return the outlet's condition as words of a comment."""
+    if scene.outlet is None:
+        return ""
+    traction = "P N = 0" if scene.outlet.kind == "zero-traction" else "-p n + mu (grad v) n = 0"
+    behind = {
+        "pressure": " - P n",
+        "resistance": " - (P + R Q) n",
+        "windkessel": " - (R_p Q + p_c) n, C dp_c/dt + (p_c - P)/R_d = Q",
+    }
+    return (
+        traction.removesuffix("0") + behind[scene.outlet.kind].removeprefix(" ")
+        if scene.outlet.has_pressure
+        else traction
+    )
+
+
+def _better_mesh_motion(scene: Scene) -> str:
+    """Return what a user is told where the mesh folds."""
+    motion = scene.mesh_motion
+    if motion is None or motion.kind == "hyperelastic":
+        return ""
+    if scene.time is None:
+        return "; mesh_motion.kind = hyperelastic goes further"
+    if motion.kind == "linear-elastic" and motion.divergence_weight >= 16:
+        return ""
+    return "; mesh_motion.kind = linear-elastic with mesh_motion.divergence_weight = 16 goes further"
 
 
 def _labels(outline: list[Boundary], *roles: str) -> list[int]:
@@ -185,27 +363,41 @@ def _regions(scene: Scene) -> list[tuple[int, str]]:
     return [*([(1, "fluid")] if scene.fluid else []), *enumerate(scene.solid, start=2)]
 
 
+def _probe(scene: Scene, name: str, axis: str) -> str:
+    """Return the script's name of a probe's coordinate."""
+    return f"geometryProbes{name.capitalize()}{axis}" if scene.geometry.kind == "mesh" else f"{name}Probe{axis}"
+
+
 def _solid(scene: Scene, name: str, region: int) -> dict[str, Any]:
     law = scene.solid[name]
     prefix = f"solid{name.capitalize()}"
-    own = weakform.identifier(scene, name)
-    title = own[0].upper() + own[1:]
-    solid = {
+    title = "".join(word.capitalize() for word in law.material.split("-"))
+    constants = _constants(prefix, law)
+    without = law.volume_constants if law.mixed and isinstance(law, WithFormulation) else ()
+    return {
         "key": name,
-        "name": own,
-        "title": title,
-        "flux": f"{'Mixed' if law.mixed else 'Theta' if scene.time else 'Flux'}{title}",
-        "n_arguments": weakform.VOLUME + 1 if law.mixed else weakform.VOLUME,
         "mixed": law.mixed,
         "incompressible": law.incompressible,
-        "prefix": prefix,
         "region": region,
         "material": law.material,
+        "law": title,
+        "limit": f"{title[0].lower()}{title[1:]}LimitJ",
         "density": f"{prefix}Density",
+        "constants": list(constants.values()),
+        "flux_constants": ["0." if key in without else value for key, value in constants.items()],
     }
+
+
+def _constants(prefix: str, law: Elastic) -> dict[str, str]:
+    """Return the constants of a law by their keys, as the script's parameters; "0." for one that it does not have."""
     if isinstance(law, CompressibleElastic):
-        solid["lame_lambda"], solid["lame_mu"] = _lame_code(prefix, law)
-    return solid
+        lame_lambda, mu = _lame_code(prefix, law)
+        return {"lame_lambda": lame_lambda or "0.", "lame_mu": mu}
+    keys = [key for key in type(law).model_fields if key not in ("density", "material", "formulation")]
+    return {
+        key: "0." if getattr(law, key) is None else prefix + "".join(word.capitalize() for word in key.split("_"))
+        for key in keys
+    }
 
 
 def _lame_code(prefix: str, law: CompressibleElastic) -> tuple[str, str]:

@@ -42,8 +42,8 @@ MUTATIONS = {
     "pressure in time": (channel(PRESSURE, **BEATING), "Level = StepPressure(", "Level = -StepPressure("),
     "pressure, walls that move": (
         scene_of(*ROOF, *PRESSED),
-        "nodes = (loadFactor*outletPressure)*outletX",
-        "nodes = (-loadFactor*outletPressure)*outletX",
+        "AddMomentum(loadFactor*outletPressure, outletX",
+        "AddMomentum(-loadFactor*outletPressure, outletX",
     ),
     "pressure in time, walls that move": (
         scene_of(*ROOF, *PRESSED, *MOVING),
@@ -57,8 +57,8 @@ MUTATIONS = {
     ),
     "resistance": (
         channel({"kind": "resistance", "resistance": 3.0}),
-        "d p_out / d Q\n  return outletResistance",
-        "d p_out / d Q\n  return -outletResistance",
+        "outflowResistance() outletResistance",
+        "outflowResistance() -outletResistance",
     ),
     "resistance in time": (
         channel({"kind": "resistance", "resistance": 3.0}, **BEATING),
@@ -82,7 +82,7 @@ MUTATIONS = {
         "Backflow(1-timeTheta, oldRows)",
         "Backflow(timeTheta-1, oldRows)",
     ),
-    "stiffness of the support": (STEADY, "matrix m = (supportStiffness)*", "matrix m = (1.1*supportStiffness)*"),
+    "stiffness of the support": (STEADY, "matrix m = (stepWeight*supp", "matrix m = (1.1*stepWeight*supp"),
     "stiffness in time": (IN_TIME, "uyTo); old *= supportStiffness;", "uyTo); old *= -supportStiffness;"),
     "damping": (IN_TIME, "vyTo); old += supportDamping*nodes", "vyTo); old -= supportDamping*nodes"),
     "waveform": (channel({"kind": "do-nothing"}, **BEATING), " + waveSine[k]*sin(", " - waveSine[k]*sin("),

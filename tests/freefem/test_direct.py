@@ -11,6 +11,7 @@ from conftest import scene_of
 
 from ffsi.files.arrays import read_mesh, read_state
 from ffsi.reference import check_run
+from ffsi.result.vtu import read_vtu
 from ffsi.scene import CASES, with_values
 from ffsi.script.render import is_runtime_parameter, render
 
@@ -56,6 +57,32 @@ def test_the_same_numbers_as_through_python(freefem, solved, tmp_path, case):
         assert np.abs(getattr(state, field) - getattr(same, field)).max() <= 1e-12 * scale
     report = check_run(tmp_path, through.scene)
     assert report.passed, report.failures
+
+
+def test_the_textbook_s_form_gives_the_same(freefem, solved, tmp_path):
+    done = freefem("plain-fsi1", cwd=tmp_path)
+    words = next(line for line in done.stdout.splitlines() if line.startswith("drag ")).split()
+    fast = solved("turek-fsi1").quantities
+    for name, value in zip(words[::2], words[1::2], strict=True):
+        assert float(value) == pytest.approx(fast[name], rel=1e-8), name
+
+
+@pytest.mark.parametrize("case", ["turek-fsi1", "turek-cfd1", "turek-csm1"])
+def test_a_picture_for_paraview(freefem, tmp_path, case):
+    done = freefem(case, "-mesh_level", 0, "-vtu", 1, "-plot", 1, cwd=tmp_path)
+    assert done.returncode == 0
+    mesh = read_mesh(tmp_path / "mesh.bin")
+    state, fields = read_state(tmp_path / "point-0001.bin", mesh), read_vtu(tmp_path / "point-0001.vtu")
+    assert (fields.region == mesh.region).all()
+    np.testing.assert_allclose(fields.displacement, state.u, atol=1e-9 * np.abs(state.u).max())
+    np.testing.assert_allclose(fields.velocity, state.v, atol=1e-9 * max(np.abs(state.v).max(), 1e-9))
+    found, expected = fields.pressure[mesh.p2[:, :3]], state.p[mesh.triangles]
+    np.testing.assert_allclose(found, expected, atol=1e-9 * max(np.abs(state.p).max(), 1e-9))
+
+
+def test_a_picture_is_asked_for_by_0_or_1(freefem, tmp_path):
+    done = freefem("turek-csm1", "-vtu", "yes", cwd=tmp_path)
+    assert (done.returncode, events(done.stdout, "bad-input")) == (2, ["text=-vtu needs 0 or 1, got 'yes'"])
 
 
 def test_files_of_a_direct_run(freefem, tmp_path):

@@ -11,7 +11,7 @@ from ffsi.scene import CASES, Scene
 from ffsi.script.render import render
 
 INLET = "real inletX = 0, inletY = 0, inwardX = 1, inwardY = 0,"
-LAST_OF_MESH = "  ShapeMesh();\n  return 0;"
+LAST_OF_MESH = "  ShapeMesh();\n}"
 
 
 def rigid_flap() -> Scene:
@@ -29,7 +29,7 @@ def turned(text: str, angle: float, dx: float, dy: float) -> str:
     assert LAST_OF_MESH in text
     text = text.replace(INLET, f"real inletX = {dx}, inletY = {dy}, inwardX = {c}, inwardY = {s},")
     moved = f"  Th = movemesh(Th, [{dx} + {c}*x - {s}*y, {dy} + {s}*x + {c}*y]);\n"
-    return text.replace(LAST_OF_MESH, "  ShapeMesh();\n" + moved + "  return 0;")
+    return text.replace(LAST_OF_MESH, "  ShapeMesh();\n" + moved + "}")
 
 
 @pytest.fixture(scope="module")

@@ -244,7 +244,7 @@ MUTATIONS = {
     ),
     "pressure of a solid on its new surface": (
         "incompressible",
-        [(f"work *= timeTheta; work += beamOldGradient(:, {k});", "") for k in range(4)],
+        [("G(:, k) *= timeTheta; G(:, k) += solidOldGradient[s](:, k);", "G(:, k) *= 1;")],
         1.2,
     ),
     "no mesh velocity": ("both", [(f"meshV{c} *= 1/timeK;", f"meshV{c} = 0;") for c in "XY"], 0.2),
@@ -253,7 +253,11 @@ MUTATIONS = {
         [("work = fluidDensity*(1-timeTheta)*oldJ;", "work = fluidDensity*(1-timeTheta)*fluidJ;")],
         1.7,
     ),
-    "stress of the new state": ("solid", [("beamSecond *= timeTheta; beamSecond += beamOldSecond;", "")], 1.2),
+    "stress of the new state": (
+        "solid",
+        [("solidSecond[s] *= timeTheta; solidSecond[s] += solidOldSecond[s];", "")],
+        1.2,
+    ),
     "no outlet's term of the old state": ("both", [("nodes = outletXY*old; nodes *= 1-timeTheta;", "nodes = 0;")], 0.5),
     "convection": ("both", [("S11 += G12.*relativeY;", "S11 -= G12.*relativeY;")], 0.2),
 }

@@ -108,22 +108,23 @@ class Fluxes:
         columns = 5 if self.solid.mixed else 4
         line = "// " + "-" * 64
         text = render(scene)
-        logarithm = "func int LogarithmOfJ" + text.partition("func int LogarithmOfJ")[2].partition("\n}\n")[0] + "\n}\n"
-        part = logarithm + text.partition(f"{line} solid {name}\n")[2].partition(line)[0]
+        part = text.partition(f"{line} solids: at")[2].partition(f"{line} rows")[0].partition(f"{line} fluid")[0]
+        mixed, incompressible = int(self.solid.mixed), int(self.solid.incompressible)
         numbers = [f"real {p.variable} = {p.value!r};" for p in parameters(scene) if p.key.startswith(f"solid.{name}.")]
         rows = np.concatenate(list(ARGUMENTS.values()))
         np.savetxt(folder / "arguments.txt", rows[:, :columns], fmt="%.17g")
         script = folder / "case.edp"
         script.write_text("\n".join([
-            *numbers, part,
+            *numbers, "int nSolids = 1; int[int][int] solidPoints(1);",
+            f"int[int] solidMixed = [{mixed}], solidIncompressible = [{incompressible}];", f"//{part}",
             f"int n = {len(rows)}, m = {columns};",
-            f"{name}Argument.resize(n, m); {name}Flux.resize(n, m); {name}J.resize(n);",
+            "solidPoints[0].resize(n); ResizeSolids();",
             'ifstream in("arguments.txt");',
-            f"for (int i = 0; i < n; ++i) for (int j = 0; j < m; ++j) in >> {name}Argument(i, j);",
-            f"{'Mixed' if self.solid.mixed else 'Flux'}{name.capitalize()}({name}Argument, {name}Flux);",
+            "for (int i = 0; i < n; ++i) for (int j = 0; j < m; ++j) in >> solidArgument[0](i, j);",
+            "SolidStress(0, solidArgument[0], solidFlux[0]);",
             'ofstream out("fluxes.txt"); out.precision(17);',
-            f"for (int i = 0; i < n; ++i) for (int j = 0; j < m; ++j) out << {name}Flux(i, j) << endl;",
-            f"for (int i = 0; i < n; ++i) out << {name}J[i] << endl;",
+            "for (int i = 0; i < n; ++i) for (int j = 0; j < m; ++j) out << solidFlux[0](i, j) << endl;",
+            "for (int i = 0; i < n; ++i) out << solidJ[0][i] << endl;",
             'cout << "@ffsi end status=converged" << endl;',
         ]))  # fmt: skip
         run_script(script, installation=installation, cwd=folder, time_limit=60)

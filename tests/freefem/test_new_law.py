@@ -20,9 +20,9 @@ CASE = "turek-fsi1"
 
 @dataclass(frozen=True)
 class Pieces:
-    """What the page adds: the template and its path, the class of the scene, that of the checker and its entry."""
+    """What the page adds: the library's file and its path, the class of the scene, the checker's, its entry."""
 
-    template: str
+    library: str
     path: str
     scene: str
     law: str
@@ -38,8 +38,8 @@ def read_pieces() -> Pieces:
     assert [found[0] for found in names[1:]] == [SCENE, LAW]
     assert ENTRY in names[2]
     blocks = [re.findall(r"^ *```\w*\n(.*?)^ *```$", item, re.DOTALL | re.MULTILINE) for item in items]
-    (template,), (scene,), (law, entry) = [[textwrap.dedent(block) for block in found] for found in blocks]
-    return Pieces(template, names[0][0], scene, law, entry)
+    (library,), (scene,), (law, entry) = [[textwrap.dedent(block) for block in found] for found in blocks]
+    return Pieces(library, names[0][0], scene, law, entry)
 
 
 PIECES = read_pieces()
@@ -49,9 +49,9 @@ PIECES = read_pieces()
 def copy(tmp_path_factory) -> Path:
     """Copy the program to a folder and add the law at the named places."""
     root = tmp_path_factory.mktemp("copy")
-    for name in ("ffsi", "templates"):
+    for name in ("ffsi", "templates", "edp"):
         shutil.copytree(ROOT / name, root / name, ignore=shutil.ignore_patterns("__pycache__"))
-    (root / PIECES.path).write_text(PIECES.template, encoding="utf-8")
+    (root / PIECES.path).write_text(PIECES.library, encoding="utf-8")
     insert(root / SCENE, UNION, PIECES.scene + "\n\n")
     scene = (root / SCENE).read_text(encoding="utf-8")
     assert scene.count(UNION) == 1

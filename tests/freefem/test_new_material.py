@@ -33,9 +33,9 @@ BULK = 5.0
 
 @dataclass(frozen=True)
 class Pieces:
-    """What the page adds: the template and its path, the class of the scene, that of the checker and its entry."""
+    """What the page adds: the library's file and its path, the class of the scene, the checker's, its entry."""
 
-    template: str
+    library: str
     path: str
     scene: str
     law: str
@@ -59,8 +59,8 @@ def read_pieces() -> Pieces:
     assert [found[0] for found in names[1:]] == [SCENE, LAW]
     assert ENTRY in names[2]
     blocks = [re.findall(r"^ *```\w*\n(.*?)^ *```$", item, re.DOTALL | re.MULTILINE) for item in items]
-    (template,), (scene,), (law, entry) = [[textwrap.dedent(block) for block in found] for found in blocks]
-    return Pieces(template, names[0][0], scene, law, entry)
+    (library,), (scene,), (law, entry) = [[textwrap.dedent(block) for block in found] for found in blocks]
+    return Pieces(library, names[0][0], scene, law, entry)
 
 
 PIECES = read_pieces()
@@ -75,9 +75,9 @@ def insert(path: Path, line: str, text: str, *, after: str = "") -> None:
 
 def with_material(root: Path, pieces: Pieces) -> Path:
     """Copy the program to the folder and add the material at the named places."""
-    for name in ("ffsi", "templates"):
+    for name in ("ffsi", "templates", "edp"):
         shutil.copytree(ROOT / name, root / name, ignore=shutil.ignore_patterns("__pycache__"))
-    (root / pieces.path).write_text(pieces.template, encoding="utf-8")
+    (root / pieces.path).write_text(pieces.library, encoding="utf-8")
     insert(root / SCENE, UNION, pieces.scene + "\n\n")
     scene = (root / SCENE).read_text(encoding="utf-8")
     union = re.search(rf"^{re.escape(UNION)}[\w| ]+", scene, re.MULTILINE).group(0)
@@ -101,7 +101,7 @@ def differing(root: Path) -> tuple[set[str], set[str]]:
         for inner in found.subdirs.values():
             compare(inner)
 
-    for name in ("ffsi", "templates"):
+    for name in ("ffsi", "templates", "edp"):
         compare(filecmp.dircmp(ROOT / name, root / name, ignore=["__pycache__"]))
     return changed, new
 
@@ -224,12 +224,10 @@ def test_nothing_else_was_touched(copy, flap):
 # The forms with a pressure, by the section's last paragraph -----------------------------------------------------------
 
 VOLUME = """
-{% if solid.mixed and not solid.incompressible %}
-func int Volume{{ solid.title }}(real[int,int] &a, real[int] &c) { // J - 1 + p/K
-  c = a(:, 4); c *= 1/{{ solid.prefix }}BulkModulus; c += {{ solid.name }}J; c -= 1.;
+func int YeohVolume(real[int,int] &a, real[int] &c, real[int] &J, real C1, real C2, real C3, real K) { // J - 1 + p/K
+  c = a(:, 4); c *= 1/K; c += J; c -= 1.;
   return 0;
 }
-{% endif %}
 """
 SPLIT = """
     def volume_energy(self, change: Array) -> Array:
@@ -245,7 +243,6 @@ SPLIT = """
 
 
 # Changes of the pieces: the old text, which stands there once, and the new one.
-TEMPLATE_CHANGES = [("{{ solid.prefix }}BulkModulus", "{{ '0' if solid.mixed else solid.prefix ~ 'BulkModulus' }}")]
 SCENE_CHANGES = [
     ("(Elastic)", "(WithFormulation)"),
     ("    c1:", '    volume_constants: ClassVar[tuple[str, ...]] = ("bulk_modulus",)\n    c1:'),
@@ -274,7 +271,7 @@ def changed(text: str, changes: list[tuple[str, str]]) -> str:
 @pytest.fixture(scope="module")
 def mixed_copy(tmp_path_factory) -> Path:
     pieces = Pieces(
-        template=changed(PIECES.template, TEMPLATE_CHANGES) + VOLUME,
+        library=PIECES.library + VOLUME,
         path=PIECES.path,
         scene=changed(PIECES.scene, SCENE_CHANGES),
         law=changed(PIECES.law, LAW_CHANGES) + SPLIT,

@@ -222,7 +222,7 @@ def test_a_bad_start_on_the_finer_mesh_is_refused(run_text, solved, start):
     text = render(load_scene("flap-neo-hookean", [*settings, *PLAIN]))
     head, transfer, rest = text.partition("func int Transfer() {")
     assert transfer
-    out, _ = run_text(head + transfer + rest.replace("  return 0;\n", f"  {STARTS[start]}\n  return 0;\n", 1))
+    out, _ = run_text(head + transfer + rest.replace("\n}\n", f"\n  {STARTS[start]}\n}}\n", 1))
     found = json.loads((out / "point-0001.json").read_text())["quantities"]
     assert found["tip_ux"] == pytest.approx(good.quantities["tip_ux"], rel=1e-8)
     fine = pd.read_csv(out / "newton.csv").query("stage == 2 and correction > 0")["correction"]

@@ -84,7 +84,8 @@ def test_tip_and_probes_of_the_scene(tmp_path) -> None:
     scene = of_table(tmp_path, tip=point, probes={"middle": point})
     assert scene.tip == scene.probes["middle"] == pytest.approx((1e-3 * x, 1e-3 * y), abs=1e-8)
     script = render(scene)
-    assert "real middleProbeX = geometryProbesMiddleX" in script
+    assert 'probeName = ["middle"]' in script
+    assert "probeX = [geometryProbesMiddleX], probeY = [geometryProbesMiddleY]" in script
     assert {"geometry_tip_x", "geometry_probes_middle_y"} < parameter_flags(scene).keys()
 
 
@@ -279,9 +280,15 @@ def test_overlap(gap, along) -> None:
 
 
 def words(script: str) -> set[str]:
-    """Return all identifiers of a script, and the names of quantities in its texts."""
+    """Return all identifiers of a script, and the names of the quantities that it writes for pp, rr, qq and zz."""
     code = re.sub(r"//.*", "", script.replace('"\\""', ""))
-    quantities = set(re.findall(r'JsonReal\(file, "(\w+)"', code))
+    formulas = re.findall(r'JsonReal\(file, ([^,]*"\w+"[^,]*),', code)
+    variables = [
+        {"ending": ending, "name": name, "probeName": ["qq"], "i": 0}
+        for ending in ("", "_pp", "_rr")
+        for name in ("zz", "fluid")
+    ]
+    quantities = {eval(formula, {}, values) for formula in formulas for values in variables}
     return quantities | set(re.findall(r"[A-Za-z][A-Za-z0-9]*", re.sub(r'"[^"]*"', "", code)))
 
 

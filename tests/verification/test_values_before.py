@@ -14,8 +14,8 @@ from typing import Any
 import pytest
 from units_scaling import first_steps
 
-from ffsi.result import Result, unit
-from ffsi.run import solve
+from ffsi.result.quantities import unit
+from ffsi.run.solve import solve
 from ffsi.scene import CASES, load_scene
 
 TABLE = Path(__file__).parent / "data" / "values-before.json"
@@ -90,7 +90,7 @@ RUNS = {
 def values(name: str, folder: Path) -> dict[str, Any]:
     """Solve a run, in time its first ten steps; return quantities, and columns of the history without the seconds."""
     case, settings = RUNS[name]
-    result: Result = solve(load_scene(case, [*PLAIN, *first_steps(case, 10), *settings]), folder, check=False)
+    result = solve(load_scene(case, [*PLAIN, *first_steps(case, 10), *settings]), folder, check=False)
     assert result.converged, result.reason
     history = {key: result.history[key].tolist() for key in result.history.columns if key not in UNCOUNTED}
     return {"quantities": result.last_quantities, "history": history}
@@ -107,7 +107,8 @@ def test_the_numbers_are_those_of_before(tmp_path, name):
         columns = {key: value for key, value in before[table].items() if key not in COUNTS}
         if "residual" in columns:
             continue  # of Newton's iterations: the last ones are rounding
-        size: dict[str, float] = {}  # of all in a unit: a lift that is rounding beside the drag is no size of its own
+        # Of all in a unit: a lift that is rounding beside the drag is no size of its own. The balance is relative.
+        size = {"mass_balance": 1.0}
         for key, value in columns.items():
             size[group(key)] = max(size.get(group(key), 0.0), largest(value))
         for key, value in columns.items():
