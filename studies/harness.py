@@ -1,4 +1,4 @@
-"""The frame of every study: outputs refused first, runs side by side, tables and figures written, README blocks."""
+"""The frame of every study: outputs refused first, runs side by side, tables and figures written, blocks of a page."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ class Study:
         show.note(f"wrote {', '.join(first)}{' and ' if first else ''}{last}")
 
     def links(self, text: str, names: Sequence[str]) -> str:
-        """Return ` TEXT: [name](path), ....`, paths as seen from the README; empty without `out` or `readme`."""
+        """Return ` TEXT: [name](path), ....`, paths as seen from `readme`; empty without `out` or `readme`."""
         if self.out is None or self.readme is None:
             return ""
         paths = [Path(os.path.relpath(self.out / name, self.readme.parent)).as_posix() for name in names]

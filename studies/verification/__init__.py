@@ -1,1 +1,1 @@
-"""`verify`: cases with known values on several meshes, beside these values, as CSV, Markdown and in the README."""
+"""`verify`: cases with known values on several meshes, beside these values, as CSV, Markdown and in docs/results.md."""

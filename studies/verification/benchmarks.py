@@ -12,7 +12,7 @@ from studies.verification.section import Part, Section, by_variant
 from studies.verification.sources import COLUMNS, reference_sets
 
 FINEST = {"turek-fsi1": 4}  # finest mesh level where it is not 3
-SHORT_LEVEL = 2  # the level of the README's table
+SHORT_LEVEL = 2  # the level of the table in docs/results.md
 CAVITY = "cavity-flexible-floor"
 CAVITY_TITLE = "Channel over a cavity with a flexible floor, beside every published value:"
 HEAD = tuple(dict.fromkeys(COLUMNS.values()))
@@ -63,7 +63,7 @@ def _cavity_cells(values: Mapping[str, float]) -> tuple[str, str]:
 
 
 def short(runs: Sequence[Measurement]) -> list[Measurement]:
-    """Return what the README shows: every level of the cases in `FINEST`, level 2 (or the finest run) of the others."""
+    """Return what is shown briefly: every level of the cases in `FINEST`, level 2 (or the finest run) of the others."""
     chosen = []
     for (case, _), own in by_variant(runs).items():
         near = [run for run in own if run.level == SHORT_LEVEL] or own[-1:]

@@ -61,7 +61,7 @@ def _run(section: Section, levels: Sequence[int] | None) -> list[Measurement]:
 
 
 def brief(done: Runs, said: str) -> dict[str, str]:
-    """Return the contents of the README's blocks; behind its table the first one says who wrote them."""
+    """Return the contents of the blocks of docs/results.md; behind its table the first one says who wrote them."""
     blocks: dict[str, str] = {}
     for section, runs in done:
         table, *rest = section.brief(runs)

@@ -16,11 +16,11 @@ class Section:
     """Runs and their tables.
 
     Attributes:
-        block: name of the README's block.
+        block: name of its block in docs/results.md.
         title: heading in `verification.md`; empty for the first section.
         run: runs everything on the given mesh levels, None: on the usual ones.
         full: tables and texts of all runs.
-        brief: what the README shows of them.
+        brief: what docs/results.md shows of them.
     """
 
     block: str
