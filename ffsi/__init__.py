@@ -20,7 +20,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from ffsi.files.errors import InputError
     from ffsi.freefem import FreeFEMError
-    from ffsi.hemodynamics.result import Result, load_result
+    from ffsi.hemodynamics.result import Result
+    from ffsi.run.direct import load_result
     from ffsi.run.one_scene import resume, solve
     from ffsi.run.sweep import sweep
     from ffsi.scene import CASES, Scene, SceneError, load_scene, with_values
@@ -42,7 +43,8 @@ __all__ = [
 
 _HOMES = {
     **dict.fromkeys(("CASES", "Scene", "SceneError", "load_scene", "with_values"), "ffsi.scene"),
-    **dict.fromkeys(("Result", "load_result"), "ffsi.hemodynamics.result"),
+    "Result": "ffsi.hemodynamics.result",
+    "load_result": "ffsi.run.direct",
     **dict.fromkeys(("resume", "solve"), "ffsi.run.one_scene"),
     "FreeFEMError": "ffsi.freefem",
     "InputError": "ffsi.files.errors",

@@ -300,7 +300,9 @@ def sweep(
 
 @app.command()
 def check(
-    directory: Annotated[Path, typer.Argument(metavar="DIR", help="A run folder or a sweep.", show_default=False)],
+    directory: Annotated[
+        Path, typer.Argument(metavar="DIR", help="Folder of a run, a sweep or a script.", show_default=False)
+    ],
     json: AsJson = False,
 ) -> None:
     """Run the independent checker on results that are already there.
@@ -309,8 +311,10 @@ def check(
     """
     from ffsi.result import table
     from ffsi.run import recheck
+    from ffsi.run.direct import adopt
     from ffsi.run.verdict import verdict
 
+    adopt(directory)
     results = load_results(directory, believe=True)
     solved = [result for result in results if result.solved]
     problems = table.problems(directory) if folder.is_sweep_folder(directory) else []
@@ -349,8 +353,11 @@ def report(
 ) -> None:
     """Write one self-contained HTML report."""
     from ffsi.report import write_report
+    from ffsi.run.direct import adopt
 
     _check_output(output)
+    for directory in directories:
+        adopt(directory)
     write_report(directories, output)
     show.note(f"wrote {output}")
 

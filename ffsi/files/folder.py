@@ -87,8 +87,8 @@ def point_files(point: int) -> tuple[str, ...]:
 
 
 def is_run_folder(directory: Path) -> bool:
-    """Tell whether `directory` holds a run that ffsi has started."""
-    return (directory / SCENE).is_file() and ((directory / SCRIPT).is_file() or (directory / RESULT).is_file())
+    """Tell whether `directory` holds a run that ffsi has started, or has made a run folder of."""
+    return (directory / SCENE).is_file() and any((directory / name).is_file() for name in (SCRIPT, RESULT, CHAIN))
 
 
 def is_sweep_folder(directory: Path) -> bool:

@@ -20,7 +20,7 @@ from matplotlib.figure import Figure
 from ffsi.files import folder
 from ffsi.files.errors import InputError
 from ffsi.files.reading import read_frame, read_text
-from ffsi.hemodynamics.result import Result, load_result, load_results
+from ffsi.hemodynamics.result import Result, load_results
 from ffsi.report import blood, curves, formulas
 from ffsi.report.tables import Rows, cell, with_unit
 from ffsi.result import pictures
@@ -88,7 +88,9 @@ def write_report(directories: Iterable[str | Path], output: str | Path, title: s
     paths = [Path(item) for item in directories]
     if not paths:
         raise InputError("a report needs at least one run folder or sweep")
-    sections = [_sweep(path) if folder.is_sweep_folder(path) else _run(load_result(path)) for path in paths]
+    sections = []
+    for path in paths:
+        sections += [_sweep(path)] if folder.is_sweep_folder(path) else map(_run, load_results(path))
     text = _template().render(
         title=title or "Report: " + ", ".join(dict.fromkeys(section.title for section in sections)),
         version=package_version(),

@@ -9,6 +9,8 @@ import pandas as pd
 import pytest
 from conftest import scene_of
 
+import ffsi
+from ffsi.cli.main import main
 from ffsi.files.arrays import read_mesh, read_state
 from ffsi.reference import check_run
 from ffsi.result.vtu import read_vtu
@@ -57,6 +59,47 @@ def test_the_same_numbers_as_through_python(freefem, solved, tmp_path, case):
         assert np.abs(getattr(state, field) - getattr(same, field)).max() <= 1e-12 * scale
     report = check_run(tmp_path, through.scene)
     assert report.passed, report.failures
+
+
+def test_a_folder_of_a_script_is_checked_and_loaded(freefem, tmp_path):
+    points = tmp_path / "points.txt"
+    points.write_text("1 inflow_mean_velocity 2\n0.02\n0.04\n")
+    runs = {
+        "one": ("turek-fsi1", "-fluid_viscosity", 0.9),
+        "several": ("flap-neo-hookean", "-points", points),
+        "in-time": ("turek-csm3", "-time_end", 0.02),
+    }
+    for name, (case, *arguments) in runs.items():
+        (tmp_path / name).mkdir()
+        assert freefem(case, "-mesh_level", 0, *arguments, "-out", tmp_path / name, cwd=tmp_path).returncode == 0
+        assert main_code("check", tmp_path / name) == 0
+    one = ffsi.load_result(tmp_path / "one")
+    assert (one.checked, one.scene.fluid.viscosity) == (True, 0.9)
+    slow, fast = (ffsi.load_result(tmp_path / "several", point) for point in (1, 2))
+    assert 0 < slow.quantities["drag"] < fast.quantities["drag"]
+    assert fast.scene.inflow.mean_velocity == 0.04
+    assert ffsi.load_result(tmp_path / "in-time").data["time"]["steps"] == 4
+    assert main_code("report", *(tmp_path / name for name in runs), "-o", tmp_path / "report.html") == 0
+
+
+def test_a_folder_of_another_script_is_refused(freefem, tmp_path, capsys):
+    scene = scene_of("flap-svk", "inflow.mean_velocity=0.02")
+    other = with_values(scene, {"solid.flap.material": "neo-hookean"})
+    for name, script, code in (("own", scene.model_copy(update={"name": "my-own"}), 2), ("other", other, 1)):
+        (tmp_path / name).mkdir()
+        (tmp_path / f"{name}.edp").write_text(render(script))
+        freefem(tmp_path / f"{name}.edp", "-out", tmp_path / name, cwd=tmp_path)
+        assert main_code("check", tmp_path / name) == code
+    assert "written by the script of my-own" in capsys.readouterr().err
+    assert not (tmp_path / "own" / "scene.toml").exists()
+    (tmp_path / "own" / "scene.toml").write_text(scene.to_toml())
+    assert main_code("check", tmp_path / "own") == 0
+
+
+def main_code(*arguments: object) -> int:
+    with pytest.raises(SystemExit) as ended:
+        main([str(argument) for argument in arguments])
+    return ended.value.code or 0
 
 
 def test_the_textbook_s_form_gives_the_same(freefem, solved, tmp_path):
