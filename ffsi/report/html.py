@@ -88,7 +88,7 @@ def write_report(directories: Iterable[str | Path], output: str | Path, title: s
     paths = [Path(item) for item in directories]
     if not paths:
         raise InputError("a report needs at least one run folder or sweep")
-    sections = []
+    sections: list[Section] = []
     for path in paths:
         sections += [_sweep(path)] if folder.is_sweep_folder(path) else map(_run, load_results(path))
     text = _template().render(
