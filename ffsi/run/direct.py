@@ -40,7 +40,8 @@ def adopt(directory: Path) -> None:
     Raises:
         InputError: the scene is not known or is another one, or a file is damaged.
     """
-    if not directory.is_dir() or folder.is_run_folder(directory) or folder.is_sweep_folder(directory):
+    ours = (folder.SCRIPT, folder.RESULT, folder.CHAIN, folder.SWEEP)  # a run folder, damaged or not
+    if not directory.is_dir() or any((directory / name).exists() for name in ours):
         return
     outcomes = [read_table(path) for pattern in _POINTS for path in sorted(directory.glob(pattern))]
     if not outcomes or not (directory / folder.MESH).is_file():
