@@ -45,6 +45,7 @@ verify: setup
 	@$(BIN)/python -m studies verify --unsteady --jobs $(JOBS) --out results --readme docs/results.md
 	@$(BIN)/python -m studies verify --blood --jobs $(JOBS) --out results --readme docs/results.md
 	@$(BIN)/python -m pytest tests/verification
+	@$(BIN)/python -m pytest -m long tests/unit tests/freefem
 
 verify-long: setup
 	@$(BIN)/python -m studies verify --long --jobs $(JOBS) --out results --readme docs/results.md

@@ -216,6 +216,7 @@ def test_a_cycle_is_the_trapezoidal_sum_over_its_states(law: str, tmp_path: Path
     assert set(result.wall["cycle"]) == {2}
 
 
+@pytest.mark.long
 def test_walls_without_support_move_by_more_than_the_vessel_s_width(tmp_path: Path) -> None:
     """A cycle at full flow: the mesh follows them, and the checker agrees."""
     settings = ("support.stiffness=0", "mesh.level=0", f"time.end={60 / 84!r}", "output.vtu=false")

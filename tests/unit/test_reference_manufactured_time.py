@@ -13,6 +13,8 @@ from ffsi.reference.problem import Solid
 from ffsi.reference.solve import solve_step
 from ffsi.reference.step import Step
 
+pytestmark = pytest.mark.long
+
 SCHEMES = {"crank-nicolson": lambda k: 0.5, "shifted": lambda k: 0.5 + k, "backward-euler": lambda k: 1.0}
 ORDERS = {"crank-nicolson": 2, "shifted": 2, "backward-euler": 1}
 

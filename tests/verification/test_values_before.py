@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from ffsi.run.solve import solve
 from units_scaling import first_steps
 
 from ffsi.result.quantities import unit
+from ffsi.run import solve
 from ffsi.scene import CASES, load_scene
 
 TABLE = Path(__file__).parent / "data" / "values-before.json"
