@@ -85,12 +85,16 @@ def test_a_folder_of_a_script_is_checked_and_loaded(freefem, tmp_path):
 def test_a_folder_of_another_script_is_refused(freefem, tmp_path, capsys):
     scene = scene_of("flap-svk", "inflow.mean_velocity=0.02")
     other = with_values(scene, {"solid.flap.material": "neo-hookean"})
-    for name, script, code in (("own", scene.model_copy(update={"name": "my-own"}), 2), ("other", other, 1)):
+    blood = with_values(scene, {"fluid.law": "carreau"})
+    own = scene.model_copy(update={"name": "my-own"})
+    for name, script, code in (("own", own, 2), ("blood", blood, 2), ("other", other, 1)):
         (tmp_path / name).mkdir()
         (tmp_path / f"{name}.edp").write_text(render(script))
         freefem(tmp_path / f"{name}.edp", "-out", tmp_path / name, cwd=tmp_path)
         assert main_code("check", tmp_path / name) == code
-    assert "written by the script of my-own" in capsys.readouterr().err
+    told = capsys.readouterr().err
+    assert "written by the script of my-own" in told
+    assert "written by another script than that of flap-svk (fluid.exponent" in told
     assert not (tmp_path / "own" / "scene.toml").exists()
     (tmp_path / "own" / "scene.toml").write_text(scene.to_toml())
     assert main_code("check", tmp_path / "own") == 0
