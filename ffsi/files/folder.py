@@ -81,9 +81,9 @@ def numbered(name: str, point: int) -> str:
     return f"{stem}-{point:04d}{dot}{ending}"
 
 
-def point_files(point: int) -> tuple[str, ...]:
+def point_files(point: int, *, solved: bool) -> tuple[str, ...]:
     """Return the names of the files that the script writes of one point, or of its failure."""
-    return (numbered(POINT, point), numbered(STATE, point), FAILED, FAILED_STATE)
+    return (numbered(POINT, point), numbered(STATE, point)) if solved else (FAILED, FAILED_STATE)
 
 
 def is_run_folder(directory: Path) -> bool:

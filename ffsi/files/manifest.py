@@ -50,7 +50,8 @@ class Recorder:
     def close(self) -> None:
         """Seal all files; to be called when the script has ended."""
         self.look()
-        self._data["end"] = seals.seal_all(self.directory, (*folder.BELIEVED, *folder.point_files(1)))
+        points = (*folder.point_files(1, solved=True), *folder.point_files(1, solved=False))
+        self._data["end"] = seals.seal_all(self.directory, (*folder.BELIEVED, *points))
         self._write()
 
     def _write(self) -> None:

@@ -175,7 +175,8 @@ class Point:
         """Write the result file, which seals all files that are read later; return its content."""
         if not self.alone:
             data["timings"]["total"] = self._chainseconds(data["timings"])
-        names = (*folder.BELIEVED, folder.MANIFEST, *folder.point_files(self.number))
+        # Of a point that is solved not the failure: that is a later point's, and may be half written now.
+        names = (*folder.BELIEVED, folder.MANIFEST, *folder.point_files(self.number, solved=self._solved() is not None))
         files = seals.seal_all(self.directory, names)
         if folder.HISTORY in files and self.followed:  # the script goes on writing there
             files[folder.HISTORY]["grows"] = True

@@ -1,6 +1,7 @@
 """Small run folders made without FreeFEM: a structured P2 mesh, given fields, and a stand-in for the process."""
 
 import json
+import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import SimpleNamespace
@@ -153,15 +154,18 @@ def _points(path: Path) -> list[dict[str, float]]:
 
 
 class FakeCheck:
-    """Takes the place of `check_run`; `wrong` is a velocity whose check fails."""
+    """Takes the place of `check_run`; `wrong` is a velocity whose check fails, `wait_for` a file to wait for."""
 
     def __init__(self) -> None:
         self.wrong: float | None = None
+        self.wait_for: Path | None = None
         self.calls: list[tuple[float, int]] = []
 
     def __call__(self, directory: Path, scene: Any, point: int = 1, **_: Any) -> SimpleNamespace:
         velocity = scene.inflow.mean_velocity
         self.calls.append((velocity, point))
+        while self.wait_for is not None and not self.wait_for.is_file():
+            time.sleep(0.001)
         failures = ["momentum: the relative residual of the momentum is 1.00e-03"] if velocity == self.wrong else []
         names = (
             "momentum",

@@ -150,6 +150,13 @@ def test_points_after_a_failed_one_are_not_reached(tmp_path, freefem, check, sce
     assert results[2].reason == "not reached: point 2 of the chain failed (J too small)"
 
 
+def test_a_failure_is_sealed_by_its_own_point_alone(tmp_path, freefem, check, scene):
+    """The point before it may be finished while the script is still writing what failed."""
+    check.wait_for, freefem.fail = tmp_path / "chain" / "failed.json", 0.02
+    results = chain.run_chain(scene, velocities(0.01, 0.02), tmp_path / "chain")
+    assert ["failed.json" in result.data["files"] for result in results] == [False, True]
+
+
 def test_a_wrong_point_in_a_chain_is_found(tmp_path, freefem, check, scene):
     check.wrong = 0.02
     results = chain.run_chain(scene, velocities(0.01, 0.02, 0.03), tmp_path / "chain", draw="none")
