@@ -8,10 +8,10 @@ from typing import Literal, get_args
 from ffsi.files.arrays import Floats
 from ffsi.reference.conditions import Inflow, Outlet, Support
 from ffsi.reference.materials import Material, SplitMaterial
+from ffsi.reference.mesh_motion import MOTIONS
 from ffsi.reference.viscosity import Viscosity
 
 Role = Literal["inlet", "outlet", "no-slip", "interface", "clamped", "free", "loaded", "supported"]
-MotionKind = Literal["harmonic", "linear-elastic", "hyperelastic"]
 Formulation = Literal["displacement", "mixed", "incompressible"]
 Field = Callable[[Floats, float], Floats]
 FLUID_REGION = 1
@@ -62,12 +62,12 @@ class MeshMotion:
     """Mesh motion in the fluid: stiffness (A_max/A_K)^m (d_max/d_K)^n, weight beta of the volume, and the equation.
 
     ``stiffness_exponent`` is m, for the area of a triangle; ``distance_exponent`` n, for its distance from the solids.
-    ``divergence_weight`` multiplies div u in the linear equations and ln J in the hyperelastic one.
+    ``divergence_weight`` is beta of the equation ``kind``, one of ``mesh_motion.MOTIONS``.
     """
 
     stiffness_exponent: float
     divergence_weight: float
-    kind: MotionKind = "harmonic"
+    kind: str = "harmonic"
     distance_exponent: float = 0.0
 
 
@@ -140,8 +140,8 @@ class Problem:
         for role, condition in (("inlet", self.inflow), ("outlet", self.outlet), ("supported", self.support)):
             if role in roles and condition is None:
                 raise ValueError(f"{self.name}: a boundary with the role {role}, but nothing that says what it does")
-        if self.mesh_motion is not None and self.mesh_motion.kind not in get_args(MotionKind):
-            raise ValueError(f"{self.name}: mesh motion {self.mesh_motion.kind!r}, accepted: {get_args(MotionKind)}")
+        if self.mesh_motion is not None and self.mesh_motion.kind not in MOTIONS:
+            raise ValueError(f"{self.name}: mesh motion {self.mesh_motion.kind!r}, accepted: {tuple(MOTIONS)}")
         if self.mesh_motion is not None and self.mesh_motion.distance_exponent and "interface" not in roles:
             raise ValueError(f"{self.name}: a mesh motion by the distance from the interface, but no interface")
         if any(self.traction) and "loaded" not in roles:

@@ -15,7 +15,6 @@ from ffsi.reference.elements import Elements, gauss_rule, line_basis
 from ffsi.reference.materials import (
     IDENTITY,
     Array,
-    PseudoSolid,
     cofactor,
     determinant,
     dilatation,
@@ -23,6 +22,7 @@ from ffsi.reference.materials import (
     trace,
     transpose,
 )
+from ffsi.reference.mesh_motion import MOTIONS
 from ffsi.reference.problem import Fluid, MeshMotion, Solid
 from ffsi.reference.step import Step
 from ffsi.reference.viscosity import Viscosity
@@ -158,24 +158,9 @@ def continuity(elements: Elements, flow: Flow) -> dict[str, Array]:
 
 
 def mesh_motion(motion: MeshMotion, alpha: Floats, elements: Elements, u: Array) -> dict[str, Array]:
-    """Terms of the mesh motion, (n, 6, 2), with the stiffness ``alpha`` (n,) of the triangles.
-
-    harmonic: the derivatives by x, those by y, and the divergence term. They are split by derivative and not by
-    component: without the divergence term each component is an equation of its own, so its whole term vanishes at the
-    solution and would be no scale. linear-elastic: these three and the transposed gradient. hyperelastic: the two parts
-    of the pseudo-solid's stress, ``shape`` F - F^-T and ``volume`` beta ln J F^-T, not a number where J <= 0.
-    """
-    gradient, stiffness = gradient_of(u, elements.gradients), alpha[:, None, None, None]
-    if motion.kind == "hyperelastic":
-        solid = PseudoSolid(motion.divergence_weight)
-        fluxes = {"shape": solid.shape_stress(gradient), "volume": solid.volume_stress(gradient)}
-    else:
-        divergence = motion.divergence_weight * trace(gradient)[..., None, None] * IDENTITY
-        along_x, along_y = gradient * np.array([1.0, 0.0]), gradient * np.array([0.0, 1.0])
-        fluxes = {"d/dx": along_x, "d/dy": along_y, "divergence": divergence}
-        if motion.kind == "linear-elastic":
-            fluxes["transposed"] = transpose(gradient)
-    return {name: against_gradient(stiffness * flux, elements) for name, flux in fluxes.items()}
+    """Terms of the mesh motion by the parts of its P_m, (n, 6, 2); ``alpha`` (n,) is the triangles' stiffness."""
+    fluxes = MOTIONS[motion.kind](gradient_of(u, elements.gradients), motion.divergence_weight)
+    return {name: against_gradient(alpha[:, None, None, None] * flux, elements) for name, flux in fluxes.items()}
 
 
 def solid_fluxes(solid: Solid, elements: Elements, gradient: Array, p: Array) -> dict[str, Array]:

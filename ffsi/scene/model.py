@@ -28,7 +28,7 @@ from ffsi.scene.geometry import (
 )
 from ffsi.scene.loads import Gravity, Support, Traction
 from ffsi.scene.materials import Solid
-from ffsi.scene.numerics import SIZES, Mesh, MeshMotion, Output, Solver
+from ffsi.scene.numerics import MOTIONS, SIZES, Mesh, MeshMotion, Output, Solver
 from ffsi.scene.outlet import Outlet
 from ffsi.scene.time import Time
 from ffsi.scene.toml import parse_toml, write_toml
@@ -219,8 +219,9 @@ class Scene(Table):
                 if value is not None:
                     yield Problem(f"inflow.{key}", text, short(value) + (" s" if key == "ramp" else ""))
             return
-        if self.mesh_motion is not None and self.mesh_motion.kind == "hyperelastic":
-            text = 'not accepted in a scene with a table time; accepted there: "harmonic", "linear-elastic"'
+        if self.mesh_motion is not None and not self.mesh_motion.law.linear:
+            linear = ", ".join(f'"{kind}"' for kind, law in MOTIONS.items() if law.linear)
+            text = f"not accepted in a scene with a table time; accepted there: {linear}"
             yield Problem("mesh_motion.kind", text, short(self.mesh_motion.kind))
         if self.inflow is not None:
             t = np.linspace(0.0, self.time.end, 2001)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import Field, StrictBool, model_validator
@@ -12,8 +13,24 @@ from ffsi.scene.units import Count, Duration, Length, NonNegativeNumber, Positiv
 LOOSEST = 1e-4
 """Largest tolerance that is accepted: what is left of the equations must not show in a result."""
 SIZES = ("growth", "far_size", "body_size", "corner_size")
-DIVERGENCE_WEIGHTS = {"harmonic": 1.0, "linear-elastic": 16.0, "hyperelastic": 5.0}
-"""`mesh_motion.divergence_weight` by kind where it is not given."""
+
+
+@dataclass(frozen=True)
+class MotionLaw:
+    """What is known of a kind of mesh motion: `mesh_motion.divergence_weight` where it is not given, and its form.
+
+    Only a linear one is solved in time.
+    """
+
+    divergence_weight: float
+    linear: bool = True
+
+
+MOTIONS = {
+    "harmonic": MotionLaw(1.0),
+    "linear-elastic": MotionLaw(16.0),
+    "hyperelastic": MotionLaw(5.0, linear=False),
+}
 
 
 class Mesh(Table):
@@ -60,7 +77,7 @@ class MeshMotion(Table):
         "dimensionless",
     )
     divergence_weight: NonNegativeNumber = Field(
-        DIVERGENCE_WEIGHTS["linear-elastic"],
+        MOTIONS["linear-elastic"].divergence_weight,
         description="weight beta of div u (harmonic, 1 if absent, linear-elastic, 16) or of ln J (hyperelastic, 5), "
         "dimensionless",
     )
@@ -69,15 +86,20 @@ class MeshMotion(Table):
     def _weigh(self) -> Self:
         if "divergence_weight" not in self.model_fields_set:
             # Still under construction: the only place where a value of a mesh motion is set.
-            object.__setattr__(self, "divergence_weight", DIVERGENCE_WEIGHTS[self.kind])
+            object.__setattr__(self, "divergence_weight", self.law.divergence_weight)
         return self
+
+    @property
+    def law(self) -> MotionLaw:
+        """What is known of the kind."""
+        return MOTIONS[self.kind]
 
     def of_scene(self, steady: bool) -> MeshMotion:
         """Return the mesh motion with the kind that a steady scene, or one in time, has by default."""
         if "kind" in self.model_fields_set:
             return self
         kind = "hyperelastic" if steady else "linear-elastic"
-        return self.filled({"kind": kind, "divergence_weight": DIVERGENCE_WEIGHTS[kind]} | self.given())
+        return self.filled({"kind": kind, "divergence_weight": MOTIONS[kind].divergence_weight} | self.given())
 
 
 class Solver(Table):

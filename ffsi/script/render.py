@@ -21,7 +21,7 @@ from ffsi.scene.geometry import ChannelGeometry
 from ffsi.scene.geometry.mesh import STORED
 from ffsi.scene.materials import CompressibleElastic, Elastic, WithFormulation
 from ffsi.scene.units import Count, Quantity
-from ffsi.script import weakform
+from ffsi.script import flux_tables
 from ffsi.script.parameters import OF_CONSISTENCY, Parameter, units_of
 
 # Keys that are no numbers of the mathematics, or decide the structure, and stay in Python.
@@ -141,7 +141,7 @@ def _environment() -> Environment:
 def _context(scene: Scene, mumps: bool) -> dict[str, Any]:
     fluid, fsi = scene.fluid is not None, scene.physics == "fsi"
     numbers = parameters(scene)
-    components = weakform.components(scene)
+    components = flux_tables.components(scene)
     outline = boundaries(scene)
     curved = [b for b in outline if b.circle or b.curved]
     wet = [b for b in outline if b.role in ("inlet", "outlet", "no-slip", "interface")]
@@ -181,14 +181,14 @@ def _context(scene: Scene, mumps: bool) -> dict[str, Any]:
         "has_mesh_file": scene.geometry.kind == "mesh",
         "fsi": fsi,
         "unsteady": scene.time is not None,
-        "kinematic": weakform.kinematic(scene),
+        "kinematic": flux_tables.kinematic(scene),
         "solids": solids,
         "mixed": any(solid["mixed"] for solid in solids),
         "probes": list(scene.probes),
         "probes_at": lambda axis: ", ".join(_probe(scene, name, axis) for name in scene.probes),
-        "arguments": weakform.arguments(scene),
-        "fluxes": weakform.fluxes(scene),
-        "depends": weakform.depends(scene),
+        "arguments": flux_tables.arguments(scene),
+        "fluxes": flux_tables.fluxes(scene),
+        "depends": flux_tables.depends(scene),
         "regions": [{"number": number, "name": name} for number, name in _regions(scene)],
         "boundaries": outline,
         "boundary_curved": [b in curved for b in outline],
@@ -219,8 +219,7 @@ def _context(scene: Scene, mumps: bool) -> dict[str, Any]:
 def _structure(scene: Scene, *, parts: bool, varying: bool) -> list[str]:
     """Return the names of the macros that the scene's script defines: what it is made of."""
     fluid, solid, time, outlet, geometry = scene.fluid, bool(scene.solid), scene.time, scene.outlet, scene.geometry
-    pressed, hyperelastic = outlet is not None and outlet.has_pressure, weakform.hyperelastic_motion(scene)
-    coupled = scene.physics == "fsi"
+    pressed, coupled, motion = outlet is not None and outlet.has_pressure, scene.physics == "fsi", scene.mesh_motion
     bends = any(b.circle and b.role == "no-slip" for b in boundaries(scene))
     found = {
         "inTime": time,
@@ -228,11 +227,11 @@ def _structure(scene: Scene, *, parts: bool, varying: bool) -> list[str]:
         "hasSolid": solid,
         "isCoupled": coupled,
         "hasVelocity": fluid or time,
-        "hasPressure": "p" in weakform.components(scene),
-        "hasKinematics": weakform.kinematic(scene),
+        "hasPressure": "p" in flux_tables.components(scene),
+        "hasKinematics": flux_tables.kinematic(scene),
         "hasMixedSolid": any(law.mixed for law in scene.solid.values()),
-        "hasHyperelasticMotion": hyperelastic,
-        "hasLinearMotion": coupled and not hyperelastic,
+        "hasMotionFlux": motion and not motion.law.linear,
+        "hasLinearMotion": motion and motion.law.linear,
         "isNewtonian": fluid and fluid.law == "newtonian",
         "hasGravity": scene.gravity,
         "hasSolidWeight": scene.gravity and solid,
@@ -346,7 +345,7 @@ def _outlet_text(scene: Scene) -> str:
 def _better_mesh_motion(scene: Scene) -> str:
     """Return what a user is told where the mesh folds."""
     motion = scene.mesh_motion
-    if motion is None or motion.kind == "hyperelastic":
+    if motion is None or not motion.law.linear:
         return ""
     if scene.time is None:
         return "; mesh_motion.kind = hyperelastic goes further"

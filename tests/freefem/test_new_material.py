@@ -1,14 +1,8 @@
 """The section "A new material" of docs/extend.md, done to a copy of the program and nothing else, and run there."""
 
 import difflib
-import filecmp
 import json
-import os
 import re
-import shutil
-import subprocess
-import sys
-import textwrap
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,14 +10,14 @@ import meshio
 import numpy as np
 import pandas as pd
 import pytest
-from conftest import PLAIN
+import recipes
+from recipes import ROOT, append, copy_program, differing, enter, insert, join_union, read_places
 from test_materials import FRESH, assert_quadratic
 
 from ffsi.files.arrays import RawState, read_mesh, read_state
 from ffsi.reference import materials
 from ffsi.scene import SceneError, load_scene
 
-ROOT = Path(__file__).parents[2]
 SCENE, LAW, ENTRY = "ffsi/scene/materials.py", "ffsi/reference/materials.py", "ffsi/reference/from_scene.py"
 UNION = "Solid = Annotated["
 REGISTRY = "MATERIALS: dict["
@@ -52,74 +46,30 @@ class Pieces:
 
 def read_pieces() -> Pieces:
     """Return the code blocks of the section, each from the numbered item that names its file."""
-    page = (ROOT / "docs/extend.md").read_text(encoding="utf-8")
-    section = re.search(r"^## A new material\n(.*?)(?=^## |\Z)", page, re.DOTALL | re.MULTILINE).group(1)
-    items = re.split(r"^\d\. ", section, flags=re.MULTILINE)[1:]
-    names = [re.findall(r"`([\w/.-]+/[\w.-]+)`", item.split("```")[0]) for item in items]
-    assert [found[0] for found in names[1:]] == [SCENE, LAW]
-    assert ENTRY in names[2]
-    blocks = [re.findall(r"^ *```\w*\n(.*?)^ *```$", item, re.DOTALL | re.MULTILINE) for item in items]
-    (library,), (scene,), (law, entry) = [[textwrap.dedent(block) for block in found] for found in blocks]
-    return Pieces(library, names[0][0], scene, law, entry)
+    places = read_places("A new material")
+    assert [place.files[0] for place in places[1:]] == [SCENE, LAW]
+    assert ENTRY in places[2].files
+    (library,), (scene,), (law, entry) = [place.blocks for place in places]
+    return Pieces(library, places[0].files[0], scene, law, entry)
 
 
 PIECES = read_pieces()
 
 
-def insert(path: Path, line: str, text: str, *, after: str = "") -> None:
-    """Insert the text before the first line that starts so and comes after another one."""
-    found = path.read_text(encoding="utf-8")
-    at = found.index(f"\n{line}", found.index(f"\n{after}")) + 1
-    path.write_text(found[:at] + text + found[at:], encoding="utf-8")
-
-
 def with_material(root: Path, pieces: Pieces) -> Path:
     """Copy the program to the folder and add the material at the named places."""
-    for name in ("ffsi", "templates", "edp"):
-        shutil.copytree(ROOT / name, root / name, ignore=shutil.ignore_patterns("__pycache__"))
+    copy_program(root)
     (root / pieces.path).write_text(pieces.library, encoding="utf-8")
     insert(root / SCENE, UNION, pieces.scene + "\n\n")
-    scene = (root / SCENE).read_text(encoding="utf-8")
-    union = re.search(rf"^{re.escape(UNION)}[\w| ]+", scene, re.MULTILINE).group(0)
-    (root / SCENE).write_text(scene.replace(union, f"{union} | {pieces.class_name}"), encoding="utf-8")
-    with (root / LAW).open("a", encoding="utf-8") as file:
-        file.write("\n\n" + pieces.law)
-    insert(root / ENTRY, "}", textwrap.indent(pieces.entry, "    "), after=REGISTRY)
+    join_union(root / SCENE, UNION, pieces.class_name)
+    append(root / LAW, pieces.law)
+    enter(root / ENTRY, REGISTRY, pieces.entry)
     return root
-
-
-def differing(root: Path) -> tuple[set[str], set[str]]:
-    """Return the names of the changed and of the new files of the copy; none may be missing."""
-    changed, new = set(), set()
-
-    def compare(found: filecmp.dircmp) -> None:
-        assert not found.left_only, found.left_only
-        folder = Path(found.right).relative_to(root)
-        _, different, errors = filecmp.cmpfiles(found.left, found.right, found.common_files, shallow=False)
-        changed.update(str(folder / name) for name in [*different, *errors])
-        new.update(str(folder / name) for name in found.right_only)
-        for inner in found.subdirs.values():
-            compare(inner)
-
-    for name in ("ffsi", "templates", "edp"):
-        compare(filecmp.dircmp(ROOT / name, root / name, ignore=["__pycache__"]))
-    return changed, new
-
-
-def ffsi(root: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    """Call the copy's command line."""
-    code = f"import sys, ffsi.cli.main as m; assert m.__file__.startswith({str(root)!r}); m.main(sys.argv[1:])"
-    environment = os.environ | {"PYTHONPATH": str(root)}
-    command = [sys.executable, "-c", code, *arguments]
-    return subprocess.run(command, cwd=root, env=environment, capture_output=True, text=True, timeout=120)
 
 
 def run(root: Path, case: str, out: str, *settings: str) -> Path:
     """Solve a case with the copy, from rest with fresh factors in every iteration; return the run folder."""
-    options = [option for setting in ("mesh.level=0", *FRESH, *PLAIN, *settings) for option in ("--set", setting)]
-    done = ffsi(root, "run", case, "--out", str(root / out), *options)
-    assert done.returncode == 0, done.stdout + done.stderr
-    return root / out
+    return recipes.run(root, case, out, *FRESH, *settings)
 
 
 def constants(solid: str, **values: float) -> list[str]:

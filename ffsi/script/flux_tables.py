@@ -1,4 +1,4 @@
-"""Structure of the weak form: unknowns, arguments and fluxes at the quadrature points, and their tables."""
+"""The tables of the weak form: its unknowns, and the arguments and tests of the fluxes at the quadrature points."""
 
 from __future__ import annotations
 
@@ -56,11 +56,6 @@ def momentum(scene: Scene) -> tuple[str, str]:
 def kinematic(scene: Scene) -> bool:
     """Return whether u and v of the solids are tied by an equation."""
     return bool(scene.solid) and (scene.fluid is not None or scene.time is not None)
-
-
-def hyperelastic_motion(scene: Scene) -> bool:
-    """Return whether the mesh moves as a hyperelastic pseudo-solid."""
-    return scene.mesh_motion is not None and scene.mesh_motion.kind == "hyperelastic"
 
 
 def _fluid_arguments(scene: Scene) -> tuple[tuple[str, str, int], ...]:
