@@ -90,7 +90,7 @@ def _sizes() -> list[str]:
             (kind,) = literals(geometry.model_fields["kind"].annotation)
             length = geometry.model_fields[geometry.sized_by].default
             known = f" = {number_text(1.0 if length is PydanticUndefined else length)} m"
-            cells = " | ".join(number_text(getattr(sizes, name)) for name in SIZES)
+            cells = " | ".join(number_text(sizes[name]) for name in SIZES)
             lines.append(f"| `{kind}` | `{geometry.sized_by}`{known} | {cells} |")
     return lines
 

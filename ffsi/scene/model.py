@@ -17,15 +17,7 @@ from ffsi.scene.boundaries import Boundary
 from ffsi.scene.errors import Problem, SceneError, join, names, nearest, short
 from ffsi.scene.flow import WOMERSLEY, Forces, Inflow, velocity_problems, with_mean_velocity
 from ffsi.scene.fluids import Fluid, PowerLaw
-from ffsi.scene.geometry import (
-    ChannelGeometry,
-    ElementSizes,
-    FlapChannel,
-    Geometry,
-    GeometryBase,
-    MeshGeometry,
-    Physics,
-)
+from ffsi.scene.geometry import ChannelGeometry, FlapChannel, Geometry, GeometryBase, MeshGeometry, Physics
 from ffsi.scene.loads import Gravity, Support, Traction
 from ffsi.scene.materials import Solid
 from ffsi.scene.numerics import MOTIONS, SIZES, Mesh, MeshMotion, Output, Solver
@@ -138,7 +130,7 @@ class Scene(Table):
         default = self.geometry.sizes
         if default is None:  # the mesh is that of a file, level 0
             return {} if "level" in self.mesh.model_fields_set else {"level": 0}
-        return {key: getattr(default, key) for key in SIZES if getattr(self.mesh, key) is None}
+        return {key: default[key] for key in SIZES if getattr(self.mesh, key) is None}
 
     def _fill(self, key: str, value: Table) -> None:
         # Still under construction: the only place where a table of a scene is set.
@@ -260,13 +252,6 @@ class Scene(Table):
         return self.time is None
 
     @property
-    def element_sizes(self) -> ElementSizes:
-        """Element sizes at level 0, before the size factor, m."""
-        mesh = self.mesh
-        assert mesh.growth and mesh.far_size and mesh.body_size and mesh.corner_size
-        return ElementSizes(mesh.growth, mesh.far_size, mesh.body_size, mesh.corner_size)
-
-    @property
     def tip(self) -> tuple[float, float] | None:
         """Reference point (x, y) in m of tip_ux and tip_uy; None if nothing moves."""
         return self.geometry.tip_point if self.solid else None
@@ -288,7 +273,8 @@ class Scene(Table):
 
     def exact_areas(self) -> dict[str, float]:
         """Return the area in m^2 of every region, in the regions' order."""
-        return self.geometry.exact_areas(self.physics)
+        areas = self.geometry.areas
+        return {name: area for name, area in areas.items() if (self.fluid if name == "fluid" else name in self.solid)}
 
     def inflow_profile(self) -> Callable[[ArrayLike], NDArray[np.float64]]:
         """Return the function s (m, 0 to H, from the inlet's start) -> velocity (m/s) into the fluid at the inlet.
@@ -354,14 +340,13 @@ class Scene(Table):
 
 def _unknown_solid(name: str, geometry: GeometryBase) -> Problem:
     """Return the problem of a name in the table "solid" that the geometry does not hold."""
-    valid = geometry.solid_names
-    kind = getattr(geometry, "kind", "")
-    if name in geometry.optional_solids:
+    valid, kind = geometry.solid_names, geometry.kind
+    if name in geometry.solids:
         return Problem(name, f'the geometry "{kind}" holds no {name} unless geometry.{name} is given')
-    guess = nearest(name, [*valid, *geometry.optional_solids])
+    guess = nearest(name, [*valid, *geometry.solids])
     holds = names(valid) or "no solid"
-    if geometry.optional_solids and not valid:
-        holds += f" unless {' or '.join(f'geometry.{other}' for other in geometry.optional_solids)} is given"
+    if geometry.solids and not valid:
+        holds += f" unless {' or '.join(f'geometry.{other}' for other in geometry.solids)} is given"
     return Problem(name, f'unknown solid; the geometry "{kind}" holds {holds}', None, guess and f"solid.{guess}")
 
 

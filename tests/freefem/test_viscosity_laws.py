@@ -13,8 +13,8 @@ import ffsi
 from ffsi.freefem import run_script
 from ffsi.hemodynamics.result import Result
 from ffsi.run.one_scene import solve
-from ffsi.scene import Fluid, Scene
-from ffsi.scene.fluids import LAWS
+from ffsi.scene import Scene
+from ffsi.scene.fluids import LAWS, Fluid
 from ffsi.script.render import parameters, render
 
 DENSITY, HALF, LENGTH = 1060.0, 1e-3, 30e-3

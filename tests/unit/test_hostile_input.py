@@ -18,7 +18,8 @@ from ffsi.files.errors import InputError
 from ffsi.freefem import FreeFEMError
 from ffsi.freefem.output import Output
 from ffsi.run import sweep
-from ffsi.scene import Scene, SceneError, load_scene, parse_overrides
+from ffsi.scene import Scene, SceneError, load_scene
+from ffsi.scene.overrides import parse_overrides
 from ffsi.text import cut, listed, nearest, printable
 
 EVIL = "a\x1b[31m\x07\x9b2J\u202e\u200b\r\nerror: fake\udcff"

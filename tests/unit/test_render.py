@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from ffsi.scene import CASES, Expression, SceneError, load_scene
+from ffsi.scene import CASES, SceneError, load_scene
+from ffsi.scene.expressions import Expression
 from ffsi.script.render import PYTHON_ONLY, is_runtime_parameter, parameter_flags, parameters, render
 
 EDP = Path(__file__).parents[2] / "edp"

@@ -7,7 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ffsi.scene import CASES, Outlet, Scene, SceneError, Support, boundaries, load_scene, with_values
+from ffsi.scene import CASES, Scene, SceneError, boundaries, load_scene, with_values
+from ffsi.scene.loads import Support
+from ffsi.scene.outlet import Outlet
 from ffsi.scene.waveforms import Fourier, named_waveforms, read_waveform
 
 TIME = "time={step=0.01, end=1}"

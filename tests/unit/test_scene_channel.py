@@ -5,7 +5,9 @@ from typing import Any
 import pytest
 from test_scene_malformed import check
 
-from ffsi.scene import CASES, Channel, Mesh, Scene, SceneError, boundaries, load_scene
+from ffsi.scene import CASES, Scene, SceneError, boundaries, load_scene
+from ffsi.scene.geometry import Channel
+from ffsi.scene.numerics import Mesh
 from ffsi.script.render import render
 
 
@@ -32,12 +34,12 @@ def test_the_walls_are_the_part_with_the_forces() -> None:
 def test_lengths_are_in_proportion_to_the_height() -> None:
     scene = channel(height="2 mm")
     assert scene.forces is not None and scene.forces.reference_length == 0.002
-    sizes, unit = scene.element_sizes, Channel.default_sizes
-    assert sizes.growth == unit.growth
-    assert (sizes.far_size, sizes.body_size) == pytest.approx((0.002 * unit.far_size, 0.002 * unit.body_size))
+    sizes, unit = scene.mesh, Channel.default_sizes
+    assert sizes.growth == unit["growth"]
+    assert (sizes.far_size, sizes.body_size) == pytest.approx((0.002 * unit["far_size"], 0.002 * unit["body_size"]))
     given = channel({"body_size": 0.01})
-    assert (given.element_sizes.body_size, given.element_sizes.far_size) == (0.01, 0.5 * unit.far_size)
-    assert given.mesh == Mesh(**given.element_sizes.__dict__)
+    assert given.mesh == Mesh(**{**channel().mesh.model_dump(), "body_size": 0.01})
+    assert given.mesh.far_size == 0.5 * unit["far_size"]
 
 
 def test_the_mesh_is_not_adapted() -> None:

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ffsi.scene import CASES, Expression, ExpressionError, load_scene
+from ffsi.scene import CASES, load_scene
+from ffsi.scene.expressions import Expression, ExpressionError
 
 Y = np.linspace(0.01, 0.4, 23)
 H = 0.41

@@ -5,8 +5,8 @@ from typing import Any, Literal, get_args
 import pytest
 from test_scene_malformed import check
 
-from ffsi.scene import CASES, Carreau, Casson, Fluid, Newtonian, PowerLaw, Scene, SceneError, load_scene, with_values
-from ffsi.scene.fluids import LAWS
+from ffsi.scene import CASES, Newtonian, Scene, SceneError, load_scene, with_values
+from ffsi.scene.fluids import LAWS, Carreau, Casson, Fluid, PowerLaw
 
 CASE = "turek-cfd1"
 CASSON = "fluid={law='casson', density=1060, yield_stress='5 mPa', viscosity_infinity='3.5 mPa s'}"

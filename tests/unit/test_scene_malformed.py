@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from ffsi.scene import CASES, FlapChannel, Newtonian, Scene, SceneError, load_scene, with_values
+from ffsi.scene import CASES, Newtonian, Scene, SceneError, load_scene, with_values
+from ffsi.scene.geometry import FlapChannel
 
 # Case, override, fragments of the message. The first fragment is the start of the line: the key and the value.
 OVERRIDES = [

@@ -6,8 +6,8 @@ from typing import Literal, get_args
 import pytest
 from pydantic import Field
 
-from ffsi.scene import CASES, MooneyRivlin, NeoHookean, SceneError, Solid, StVenantKirchhoff
-from ffsi.scene.materials import MATERIALS, Elastic
+from ffsi.scene import CASES, SceneError
+from ffsi.scene.materials import MATERIALS, Elastic, MooneyRivlin, NeoHookean, Solid, StVenantKirchhoff
 from ffsi.scene.units import Modulus
 
 

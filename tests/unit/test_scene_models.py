@@ -6,22 +6,14 @@ import tomllib
 import pytest
 from pydantic import ValidationError
 
-from ffsi.scene import (
-    CASES,
-    Beam,
-    Cantilever,
-    ChannelCylinder,
-    CookMembrane,
-    FlapChannel,
-    Inflow,
-    Newtonian,
-    Outlet,
-    Scene,
-    StVenantKirchhoff,
-    Traction,
-    load_scene,
-    with_values,
-)
+from ffsi.scene import CASES, Newtonian, Scene, load_scene, with_values
+from ffsi.scene.flow import Inflow
+from ffsi.scene.geometry import FlapChannel
+from ffsi.scene.geometry.channel_cylinder import Beam, ChannelCylinder
+from ffsi.scene.geometry.solids import Cantilever, CookMembrane
+from ffsi.scene.loads import Traction
+from ffsi.scene.materials import StVenantKirchhoff
+from ffsi.scene.outlet import Outlet
 
 PHYSICS = {
     "flap-svk": "fsi",
@@ -199,7 +191,7 @@ def test_traction_of_a_short_scene() -> None:
     scene = Scene(name="a", geometry=CookMembrane(), solid={"membrane": membrane}, traction=Traction(x="-2 kPa"))
     parameters = scene.parameters()
     assert (parameters["traction.x"], parameters["traction.y"]) == (-2000.0, 0.0)
-    assert scene.element_sizes == CookMembrane.default_sizes
+    assert CookMembrane.default_sizes.items() <= scene.mesh.model_dump().items()
     assert (scene.forces, scene.mesh_motion, scene.fluid) == (None, None, None)
     assert Scene.from_toml(scene.to_toml()) == scene
 
@@ -259,16 +251,16 @@ def test_short_scene_is_filled_in() -> None:
     assert parameters["mesh_motion.stiffness_exponent"] == 1.0
     assert parameters["mesh_motion.divergence_weight"] == 5.0
     assert parameters["mesh_motion.distance_exponent"] == 0.0
-    assert parameters["mesh.far_size"] == pytest.approx(0.75 * FlapChannel.default_sizes.far_size)
-    assert scene.element_sizes == FlapChannel.default_sizes.times(scene.geometry.size)  # a lower flap, smaller elements
+    assert parameters["mesh.far_size"] == pytest.approx(0.75 * FlapChannel.default_sizes["far_size"])
+    assert scene.mesh.far_size == scene.geometry.size * FlapChannel.default_sizes["far_size"]  # a lower flap, smaller
     assert "root_size" not in tomllib.loads(scene.to_toml())["mesh"]
     assert scene.gravity is None
 
 
 def test_given_sizes_are_kept() -> None:
     scene = load_scene("turek-fsi1", ["mesh.body_size=2 mm"])
-    assert scene.element_sizes.body_size == 0.002
-    assert scene.element_sizes.far_size == ChannelCylinder.default_sizes.far_size
+    assert scene.mesh.body_size == 0.002
+    assert scene.mesh.far_size == ChannelCylinder.default_sizes["far_size"]
 
 
 def test_python_and_toml_give_the_same_scene() -> None:

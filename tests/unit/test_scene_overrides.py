@@ -6,7 +6,9 @@ from pathlib import Path
 import pytest
 from test_scene_materials import MOONEY_RIVLIN, NEO
 
-from ffsi.scene import CASES, NeoHookean, Scene, SceneError, StVenantKirchhoff, load_scene, parse_overrides, with_values
+from ffsi.scene import CASES, Scene, SceneError, load_scene, with_values
+from ffsi.scene.materials import NeoHookean, StVenantKirchhoff
+from ffsi.scene.overrides import parse_overrides
 
 
 def test_overrides_are_typed() -> None:

@@ -6,7 +6,8 @@ import tomllib
 import numpy as np
 import pytest
 
-from ffsi.scene import CASES, Scene, Time, load_scene, with_values
+from ffsi.scene import CASES, Scene, load_scene, with_values
+from ffsi.scene.time import Time
 
 
 def test_theta_of_the_schemes() -> None:

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from pydantic import BaseModel
 
-from ffsi.scene import Newtonian, Scene, SceneError, Solver, to_si
-from ffsi.scene.units import Quantity
+from ffsi.scene import Newtonian, Scene, SceneError
+from ffsi.scene.numerics import Solver
+from ffsi.scene.units import Quantity, to_si
 from ffsi.scene.validation import _models
 
 

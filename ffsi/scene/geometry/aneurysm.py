@@ -13,7 +13,7 @@ from ffsi.scene.base import Table
 from ffsi.scene.boundaries import CLAMPED, DOME_WALL, INLET, INNER_WALL, OUTER, OUTER_WALL, OUTLET, STRUTS, Boundary
 from ffsi.scene.errors import Problem, names
 from ffsi.scene.geometry import dome
-from ffsi.scene.geometry.base import ChannelGeometry, ElementSizes, Inlet, Physics, surface_role
+from ffsi.scene.geometry.base import ChannelGeometry, Inlet, Physics, surface_role
 from ffsi.scene.units import Count, Length
 
 MAX_STRUTS = 20
@@ -36,10 +36,9 @@ class Aneurysm(ChannelGeometry):
     """
 
     # Level 2: two elements through the walls. The corner is the singular one of the flow at the neck's ends.
+    solids: ClassVar[tuple[str, ...]] = ("vessel", "dome")
     sized_by: ClassVar[str] = "outer_radius"
-    default_sizes: ClassVar[ElementSizes] = ElementSizes(
-        growth=0.3, far_size=1.0e-3, body_size=0.44e-3, corner_size=0.015e-3
-    )
+    default_sizes: ClassVar[dict[str, float]] = dict(growth=0.3, far_size=1e-3, body_size=0.44e-3, corner_size=0.015e-3)
 
     kind: Literal["aneurysm"] = Field("aneurysm", description="name of the geometry")
     outer_radius: Length = Field(8e-3, description="radius of the lumen's outer side; its outline grows with it, m")
@@ -50,18 +49,11 @@ class Aneurysm(ChannelGeometry):
     def problems(self) -> list[Problem]:
         """Return what does not fit: walls thinner than what they surround, struts beside each other in the neck."""
         inner, largest = self.radii[1], 0.3e-3 * self.size
-        found = [
-            *self._not_below(
-                "wall_thickness", self.wall_thickness, inner / 12, "a twelfth of the lumen's inner radius"
-            ),
-            *self._not_below(
-                "dome_wall_thickness", self.dome_wall_thickness, largest, "a quarter of the dome's radius"
-            ),
-        ]
+        found = self._bound("wall_thickness", "less", inner / 12, "a twelfth of the lumen's inner radius")
+        found += self._bound("dome_wall_thickness", "less", largest, "a quarter of the dome's radius")
         if self.stent is not None:
             room = 0.8 * self.neck_length / self.stent.count
-            text = "0.8 times the neck's length per strut"
-            found += self._not_below("stent.diameter", self.stent.diameter, room, text)
+            found += self._bound("stent.diameter", "less", room, "0.8 times the neck's length per strut")
         return found
 
     def scene_problems(self, solids: Collection[str], has_fluid: bool) -> list[Problem]:
@@ -147,11 +139,6 @@ class Aneurysm(ChannelGeometry):
         return [(-outer, 0.0), (-inner, 0.0)]
 
     @property
-    def solid_names(self) -> tuple[str, ...]:
-        """The two walls."""
-        return ("vessel", "dome")
-
-    @property
     def tip_point(self) -> tuple[float, float]:
         """The point of the dome's outline that is farthest from the middle of the neck, m."""
         points = dome.lumen().outline * self.size
@@ -172,8 +159,9 @@ class Aneurysm(ChannelGeometry):
         places = (np.arange(self.stent.count) + 0.5) / self.stent.count
         return [(x, y, self.stent.diameter / 2) for x, y in (start + places[:, None] * (end - start)).tolist()]
 
-    def exact_areas(self, physics: Physics) -> dict[str, float]:
-        """Return the areas in m^2 of "fluid", "vessel" and "dome", as sums of sectors around the origin."""
+    @property
+    def areas(self) -> dict[str, float]:
+        """Areas in m^2 of "fluid", "vessel" and "dome", as sums of sectors around the origin."""
         dry_inner, inner, outer, dry_outer = self.radii
         start, end = self.neck_angles
         outside, offset = self._drawn
@@ -188,7 +176,7 @@ class Aneurysm(ChannelGeometry):
         vessel = math.pi / 4 * (inner**2 - dry_inner**2) + walls
         shell = square * (dome.measures(dry.first, dry.second, offset)[1] - dome.measures(wet.first, wet.second)[1])
         feet = (dry.second_angle - wet.second_angle) + (wet.first_angle - dry.first_angle)
-        return self._keep({"fluid": fluid, "vessel": vessel, "dome": shell - dry_outer**2 / 2 * feet}, physics)
+        return {"fluid": fluid, "vessel": vessel, "dome": shell - dry_outer**2 / 2 * feet}
 
     def outline(self, physics: Physics) -> list[Boundary]:
         """Return inlet, outlet, the wet sides of the walls, struts, and the walls' end faces and outer sides."""

@@ -2,40 +2,20 @@
 
 from __future__ import annotations
 
+import functools
 from abc import ABC, abstractmethod
 from collections.abc import Collection
 from dataclasses import dataclass
-from typing import ClassVar, Literal, Self
+from typing import Any, ClassVar, Literal, Self
 
-from pydantic import model_validator
+from pydantic import Field, model_validator
 
 from ffsi.scene.base import Table, refuse
-from ffsi.scene.boundaries import Boundary, Role
+from ffsi.scene.boundaries import INLET, OUTLET, Boundary, Role
 from ffsi.scene.errors import Problem, number_text, short
+from ffsi.scene.units import Length
 
 Physics = Literal["fluid", "solid", "fsi"]
-
-
-@dataclass(frozen=True)
-class ElementSizes:
-    """Element sizes at mesh level 0.
-
-    Args:
-        growth: largest increase of the element size per unit length, dimensionless.
-        far_size: size away from the bodies, m.
-        body_size: size along the bodies, m.
-        corner_size: size at the corners of the bodies, m.
-    """
-
-    growth: float
-    far_size: float
-    body_size: float
-    corner_size: float
-
-    def times(self, factor: float) -> ElementSizes:
-        """Return the sizes of the same mesh in a domain that is larger by a factor."""
-        sizes = (self.far_size, self.body_size, self.corner_size)
-        return ElementSizes(self.growth, *(factor * size for size in sizes))
 
 
 @dataclass(frozen=True)
@@ -60,31 +40,24 @@ class GeometryBase(Table, ABC):
         SceneError: the parts do not fit together.
     """
 
-    default_sizes: ClassVar[ElementSizes | None]
-    """Element sizes that are not given, for the default lengths; None where a file holds the mesh."""
+    default_sizes: ClassVar[dict[str, float] | None]
+    """Element sizes by key (m; growth dimensionless) for the default lengths; None where a file holds the mesh."""
     sized_by: ClassVar[str]
     """Key of the length with which they grow; the script measures all lengths by it. A mesh of a file has none."""
-    free_names: ClassVar[bool] = False
-    """Whether the solids have names that a user chose."""
-    adapted: ClassVar[bool] = True
-    """Whether the mesh is adapted to the element sizes after the template has made a first one."""
-    optional_solids: ClassVar[tuple[str, ...]] = ()
-    """Names of solids that are there only if the geometry's table of the same name is given."""
+    solids: ClassVar[tuple[str, ...]] = ()
+    """Names of the solids in the order of their regions; where a table has the name, only with that table."""
+
+    kind: str
 
     @property
-    @abstractmethod
     def solid_names(self) -> tuple[str, ...]:
         """Names of the solids that the geometry can hold, in the order of their regions."""
+        return tuple(name for name in self.solids if getattr(self, name, True) is not None)
 
     @property
-    @abstractmethod
     def tip_point(self) -> tuple[float, float] | None:
         """Reference point (x, y) in m where tip_ux and tip_uy are taken; None if nothing can move."""
-
-    @property
-    def sizes(self) -> ElementSizes | None:
-        """Element sizes where a scene gives none; None where a file holds the mesh."""
-        return self.default_sizes and self.default_sizes.times(self.size)
+        return None
 
     @property
     def size(self) -> float:
@@ -92,13 +65,20 @@ class GeometryBase(Table, ABC):
         return float(getattr(self, self.sized_by) / type(self).model_fields[self.sized_by].default)
 
     @property
+    def sizes(self) -> dict[str, float] | None:
+        """Element sizes where a scene gives none, m (growth dimensionless); None where a file holds the mesh."""
+        sizes = self.default_sizes
+        return sizes and {key: size if key == "growth" else self.size * size for key, size in sizes.items()}
+
+    @property
     def probe_points(self) -> dict[str, tuple[float, float]]:
         """Further reference points (x, y) in m by name, where NAME_ux and NAME_uy are taken."""
         return {}
 
+    @property
     @abstractmethod
-    def exact_areas(self, physics: Physics) -> dict[str, float]:
-        """Return the area in m^2 of every region, in the regions' order: "fluid", then the solids by name.
+    def areas(self) -> dict[str, float]:
+        """Area in m^2 of every region, in the regions' order: "fluid", then the solids by name.
 
         Arcs count as arcs, so a mesh of straight triangles differs by O(h^2).
         """
@@ -124,21 +104,12 @@ class GeometryBase(Table, ABC):
         refuse(self.problems())
         return self
 
-    def _keep(self, areas: dict[str, float], physics: Physics) -> dict[str, float]:
-        unwanted = {"fluid": self.solid_names, "solid": ("fluid",), "fsi": ()}[physics]
-        return {name: area for name, area in areas.items() if name not in unwanted}
-
-    def _not_below(self, key: str, value: float, limit: float, limit_text: str) -> list[Problem]:
-        """Return a problem of ``key`` unless value < limit."""
-        if value < limit:
+    def _bound(self, key: str, than: Literal["less", "greater"], limit: float, words: str) -> list[Problem]:
+        """Return a problem of the length at a dotted key unless it is less, or greater, than a limit in m."""
+        value: Any = functools.reduce(getattr, key.split("."), self)
+        if value < limit if than == "less" else value > limit:
             return []
-        return [Problem(key, f"must be less than {limit_text} = {number_text(limit)} m", f"{short(value)} m")]
-
-    def _not_above(self, key: str, value: float, limit: float, limit_text: str) -> list[Problem]:
-        """Return a problem of ``key`` unless value > limit."""
-        if value > limit:
-            return []
-        return [Problem(key, f"must be greater than {limit_text} = {number_text(limit)} m", f"{short(value)} m")]
+        return [Problem(key, f"must be {than} than {words} = {number_text(limit)} m", f"{short(value)} m")]
 
 
 class ChannelGeometry(GeometryBase):
@@ -163,6 +134,33 @@ class ChannelGeometry(GeometryBase):
     @abstractmethod
     def reference_length(self) -> float:
         """Length in m that the force coefficients take by default."""
+
+
+class StraightChannel(ChannelGeometry):
+    """A channel [0, length] x [0, height] with the inlet on its left and the outlet on its right."""
+
+    length: Length = Field(description="length of the channel, m")
+    height: Length = Field(description="height of the channel, m")
+
+    @property
+    def inlet(self) -> Inlet:
+        """The left end."""
+        return Inlet(start=(0.0, 0.0), inward=(1.0, 0.0), height=self.height)
+
+    @property
+    def outlet_points(self) -> list[tuple[float, float]]:
+        """The ends of the right end, m."""
+        return [(self.length, 0.0), (self.length, self.height)]
+
+    @property
+    def ends(self) -> list[Boundary]:
+        """Inlet and outlet."""
+        return [Boundary("inlet", INLET, "inlet", self.height), Boundary("outlet", OUTLET, "outlet", self.height)]
+
+    @property
+    def reference_length(self) -> float:
+        """Height of the channel, m."""
+        return self.height
 
 
 def surface_role(physics: Physics) -> Role:

@@ -7,20 +7,21 @@ from typing import ClassVar, Literal
 
 from pydantic import Field
 
-from ffsi.scene.boundaries import CLAMPED, INLET, LEFT_LIP, OUTER, OUTLET, RIGHT_LIP, SURFACE, WALLS, Boundary
+from ffsi.scene.boundaries import CLAMPED, LEFT_LIP, OUTER, RIGHT_LIP, SURFACE, WALLS, Boundary
 from ffsi.scene.errors import Problem
-from ffsi.scene.geometry.base import ChannelGeometry, ElementSizes, Inlet, Physics, surface_role
+from ffsi.scene.geometry.base import Physics, StraightChannel, surface_role
 from ffsi.scene.units import Length
 
 
-class ChannelCavity(ChannelGeometry):
+class ChannelCavity(StraightChannel):
     """Channel [0, length] x [0, height] over a cavity with rounded lips and an elastic floor; solid ``floor``.
 
     The floor is [left, left + width] x [-depth - thickness, -depth], clamped at its two ends; its outer side is free.
     """
 
+    solids: ClassVar[tuple[str, ...]] = ("floor",)
     sized_by: ClassVar[str] = "cavity_width"
-    default_sizes: ClassVar[ElementSizes] = ElementSizes(growth=0.75, far_size=0.6, body_size=0.2, corner_size=0.08)
+    default_sizes: ClassVar[dict[str, float]] = dict(growth=0.75, far_size=0.6, body_size=0.2, corner_size=0.08)
 
     kind: Literal["channel-cavity"] = Field("channel-cavity", description="name of the geometry")
     length: Length = Field(14.0, description="length of the channel, m")
@@ -34,29 +35,10 @@ class ChannelCavity(ChannelGeometry):
     def problems(self) -> list[Problem]:
         """Return what does not fit: the cavity with its lips inside the channel."""
         room = self.length - self.cavity_left - self.lip_radius
-        return [
-            *self._not_below("lip_radius", self.lip_radius, self.cavity_depth, "cavity_depth"),
-            *self._not_below("lip_radius", self.lip_radius, self.cavity_left, "cavity_left"),
-            *(
-                self._not_below("cavity_left", self.cavity_left, self.length, "length")
-                or self._not_below("cavity_width", self.cavity_width, room, "length - cavity_left - lip_radius")
-            ),
-        ]
-
-    @property
-    def inlet(self) -> Inlet:
-        """The channel's left end."""
-        return Inlet(start=(0.0, 0.0), inward=(1.0, 0.0), height=self.height)
-
-    @property
-    def outlet_points(self) -> list[tuple[float, float]]:
-        """The ends of the channel's right end."""
-        return [(self.length, 0.0), (self.length, self.height)]
-
-    @property
-    def solid_names(self) -> tuple[str, ...]:
-        """The floor."""
-        return ("floor",)
+        found = self._bound("lip_radius", "less", self.cavity_depth, "cavity_depth")
+        found += self._bound("lip_radius", "less", self.cavity_left, "cavity_left")
+        along = self._bound("cavity_left", "less", self.length, "length")
+        return found + (along or self._bound("cavity_width", "less", room, "length - cavity_left - lip_radius"))
 
     @property
     def tip_point(self) -> tuple[float, float]:
@@ -64,15 +46,11 @@ class ChannelCavity(ChannelGeometry):
         return (self.cavity_left + self.cavity_width / 2, -self.cavity_depth)
 
     @property
-    def reference_length(self) -> float:
-        """Height of the channel, m."""
-        return self.height
-
-    def exact_areas(self, physics: Physics) -> dict[str, float]:
-        """Return the areas in m^2 of "fluid" and "floor"."""
+    def areas(self) -> dict[str, float]:
+        """Areas in m^2 of "fluid" and "floor"."""
         rounding = 2 * self.lip_radius**2 * (1 - math.pi / 4)
         fluid = self.length * self.height + self.cavity_width * self.cavity_depth + rounding
-        return self._keep({"fluid": fluid, "floor": self.cavity_width * self.floor_thickness}, physics)
+        return {"fluid": fluid, "floor": self.cavity_width * self.floor_thickness}
 
     def outline(self, physics: Physics) -> list[Boundary]:
         """Return inlet, outlet, straight walls, lips, the floor's wet face, its ends and its outer side."""
@@ -84,8 +62,7 @@ class ChannelCavity(ChannelGeometry):
             walls = 2 * self.length - self.cavity_width - 2 * radius + 2 * (self.cavity_depth - radius)
             arc = math.pi / 2 * radius
             found += [
-                Boundary("inlet", INLET, "inlet", self.height),
-                Boundary("outlet", OUTLET, "outlet", self.height),
+                *self.ends,
                 Boundary("walls", WALLS, "no-slip", walls),
                 Boundary("left_lip", LEFT_LIP, "no-slip", arc, circle=(self.cavity_left - radius, -radius, radius)),
                 Boundary("right_lip", RIGHT_LIP, "no-slip", arc, circle=(right + radius, -radius, radius)),

@@ -8,9 +8,9 @@ from typing import ClassVar, Literal
 from pydantic import Field
 
 from ffsi.scene.base import Table
-from ffsi.scene.boundaries import CLAMPED, CYLINDER, INLET, OUTLET, SURFACE, WALLS, Boundary
+from ffsi.scene.boundaries import CLAMPED, CYLINDER, SURFACE, WALLS, Boundary
 from ffsi.scene.errors import Problem
-from ffsi.scene.geometry.base import ChannelGeometry, ElementSizes, Inlet, Physics, surface_role
+from ffsi.scene.geometry.base import Physics, StraightChannel, surface_role
 from ffsi.scene.units import Coordinate, Length
 
 
@@ -21,12 +21,12 @@ class Beam(Table):
     thickness: Length = Field(0.02, description="thickness, m")
 
 
-class ChannelCylinder(ChannelGeometry):
+class ChannelCylinder(StraightChannel):
     """Channel [0, length] x [0, height] around a cylinder; solid ``beam`` where `beam` is given."""
 
-    optional_solids: ClassVar[tuple[str, ...]] = ("beam",)
+    solids: ClassVar[tuple[str, ...]] = ("beam",)
     sized_by: ClassVar[str] = "cylinder_radius"
-    default_sizes: ClassVar[ElementSizes] = ElementSizes(growth=0.75, far_size=0.09, body_size=0.014, corner_size=0.003)
+    default_sizes: ClassVar[dict[str, float]] = dict(growth=0.75, far_size=0.09, body_size=0.014, corner_size=0.003)
 
     kind: Literal["channel-cylinder"] = Field("channel-cylinder", description="name of the geometry")
     length: Length = Field(2.5, description="length of the channel, m")
@@ -40,38 +40,23 @@ class ChannelCylinder(ChannelGeometry):
         """Return what does not fit: cylinder inside the channel, beam thinner than the cylinder and in the channel."""
         radius = self.cylinder_radius
         found = [
-            *self._not_above("cylinder_x", self.cylinder_x, radius, "cylinder_radius"),
-            *self._not_below("cylinder_x", self.cylinder_x, self.length - radius, "length - cylinder_radius"),
-            *self._not_above("cylinder_y", self.cylinder_y, radius, "cylinder_radius"),
-            *self._not_below("cylinder_y", self.cylinder_y, self.height - radius, "height - cylinder_radius"),
+            *self._bound("cylinder_x", "greater", radius, "cylinder_radius"),
+            *self._bound("cylinder_x", "less", self.length - radius, "length - cylinder_radius"),
+            *self._bound("cylinder_y", "greater", radius, "cylinder_radius"),
+            *self._bound("cylinder_y", "less", self.height - radius, "height - cylinder_radius"),
         ]
         if self.beam is not None:
             room = self.length - self.cylinder_x - radius
             found += [
-                *self._not_below("beam.thickness", self.beam.thickness, 2 * radius, "the cylinder's diameter"),
-                *self._not_below("beam.length", self.beam.length, room, "length - cylinder_x - cylinder_radius"),
+                *self._bound("beam.thickness", "less", 2 * radius, "the cylinder's diameter"),
+                *self._bound("beam.length", "less", room, "length - cylinder_x - cylinder_radius"),
             ]
         return found
-
-    @property
-    def inlet(self) -> Inlet:
-        """The channel's left end."""
-        return Inlet(start=(0.0, 0.0), inward=(1.0, 0.0), height=self.height)
-
-    @property
-    def outlet_points(self) -> list[tuple[float, float]]:
-        """The ends of the channel's right end."""
-        return [(self.length, 0.0), (self.length, self.height)]
 
     @property
     def bluff(self) -> bool:
         """The cylinder stands in the flow."""
         return True
-
-    @property
-    def solid_names(self) -> tuple[str, ...]:
-        """The beam, if there is one."""
-        return () if self.beam is None else ("beam",)
 
     @property
     def tip_point(self) -> tuple[float, float] | None:
@@ -97,15 +82,16 @@ class ChannelCylinder(ChannelGeometry):
             return 0.0
         return self.cylinder_radius * (1 - math.cos(self.root_half_angle)) + self.beam.length
 
-    def exact_areas(self, physics: Physics) -> dict[str, float]:
-        """Return the areas in m^2 of "fluid" and "beam" (which ends at the root arc)."""
+    @property
+    def areas(self) -> dict[str, float]:
+        """Areas in m^2 of "fluid" and "beam" (which ends at the root arc)."""
         radius, angle = self.cylinder_radius, self.root_half_angle
         areas = {"fluid": self.length * self.height - math.pi * radius**2}
         if self.beam is not None:
             under_root = radius**2 * (angle + math.sin(angle) * math.cos(angle))
             areas["beam"] = self.beam.thickness * (radius + self.beam.length) - under_root
             areas["fluid"] -= areas["beam"]
-        return self._keep(areas, physics)
+        return areas
 
     def outline(self, physics: Physics) -> list[Boundary]:
         """Return inlet, outlet, walls, the wetted arc of the cylinder, the beam's surface and its root arc."""
@@ -114,8 +100,7 @@ class ChannelCylinder(ChannelGeometry):
         found = []
         if physics != "solid":
             found += [
-                Boundary("inlet", INLET, "inlet", self.height),
-                Boundary("outlet", OUTLET, "outlet", self.height),
+                *self.ends,
                 Boundary("walls", WALLS, "no-slip", 2 * self.length),
                 Boundary("cylinder", CYLINDER, "no-slip", 2 * (math.pi - angle) * radius, "cylinder", circle),
             ]

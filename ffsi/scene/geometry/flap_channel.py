@@ -8,9 +8,9 @@ from typing import ClassVar, Literal
 from pydantic import Field
 
 from ffsi.scene.base import Table
-from ffsi.scene.boundaries import CLAMPED, INLET, OUTER, OUTLET, ROOF, ROOF_ENDS, SURFACE, WALLS, Boundary
+from ffsi.scene.boundaries import CLAMPED, OUTER, ROOF, ROOF_ENDS, SURFACE, WALLS, Boundary
 from ffsi.scene.errors import Problem, names
-from ffsi.scene.geometry.base import ChannelGeometry, ElementSizes, Inlet, Physics, surface_role
+from ffsi.scene.geometry.base import Physics, StraightChannel, surface_role
 from ffsi.scene.units import Length
 
 
@@ -20,16 +20,16 @@ class Roof(Table):
     thickness: Length = Field(0.02, description="thickness, m")
 
 
-class FlapChannel(ChannelGeometry):
+class FlapChannel(StraightChannel):
     """Channel [0, length] x [0, height] with the flap [left, left + width] x [0, flap_height]; solid ``flap``.
 
     With `roof` the channel's upper side is the elastic strip [0, length] x [height, height + thickness], clamped at
     its two ends, with a free upper side; solid ``roof``.
     """
 
-    optional_solids: ClassVar[tuple[str, ...]] = ("roof",)
+    solids: ClassVar[tuple[str, ...]] = ("flap", "roof")
     sized_by: ClassVar[str] = "flap_height"
-    default_sizes: ClassVar[ElementSizes] = ElementSizes(growth=0.6, far_size=0.1, body_size=0.015, corner_size=0.008)
+    default_sizes: ClassVar[dict[str, float]] = dict(growth=0.6, far_size=0.1, body_size=0.015, corner_size=0.008)
 
     kind: Literal["flap-channel"] = Field("flap-channel", description="name of the geometry")
     length: Length = Field(2.5, description="length of the channel, m")
@@ -42,13 +42,9 @@ class FlapChannel(ChannelGeometry):
     def problems(self) -> list[Problem]:
         """Return what does not fit: the flap must stand inside the channel."""
         room = self.length - self.flap_left
-        return [
-            *self._not_below("flap_height", self.flap_height, self.height, "height"),
-            *(
-                self._not_below("flap_left", self.flap_left, self.length, "length")
-                or self._not_below("flap_width", self.flap_width, room, "length - flap_left")
-            ),
-        ]
+        along = self._bound("flap_left", "less", self.length, "length")
+        along = along or self._bound("flap_width", "less", room, "length - flap_left")
+        return self._bound("flap_height", "less", self.height, "height") + along
 
     def scene_problems(self, solids: Collection[str], has_fluid: bool) -> list[Problem]:
         """Return what an elastic roof lacks: it needs both solids and the fluid between them."""
@@ -59,24 +55,9 @@ class FlapChannel(ChannelGeometry):
         return found + [Problem(f"solid.{name}", text) for name in self.solid_names if name not in solids]
 
     @property
-    def inlet(self) -> Inlet:
-        """The channel's left end."""
-        return Inlet(start=(0.0, 0.0), inward=(1.0, 0.0), height=self.height)
-
-    @property
-    def outlet_points(self) -> list[tuple[float, float]]:
-        """The ends of the channel's right end."""
-        return [(self.length, 0.0), (self.length, self.height)]
-
-    @property
     def bluff(self) -> bool:
         """The flap stands in the flow."""
         return True
-
-    @property
-    def solid_names(self) -> tuple[str, ...]:
-        """The flap, and the roof if it is elastic."""
-        return ("flap",) if self.roof is None else ("flap", "roof")
 
     @property
     def tip_point(self) -> tuple[float, float]:
@@ -93,13 +74,14 @@ class FlapChannel(ChannelGeometry):
         """Height of the flap, m."""
         return self.flap_height
 
-    def exact_areas(self, physics: Physics) -> dict[str, float]:
-        """Return the areas in m^2 of "fluid", "flap" and, if it is elastic, "roof"."""
+    @property
+    def areas(self) -> dict[str, float]:
+        """Areas in m^2 of "fluid", "flap" and, if it is elastic, "roof"."""
         flap = self.flap_width * self.flap_height
         areas = {"fluid": self.length * self.height - flap, "flap": flap}
         if self.roof is not None:
             areas["roof"] = self.length * self.roof.thickness
-        return self._keep(areas, physics)
+        return areas
 
     def outline(self, physics: Physics) -> list[Boundary]:
         """Return inlet, outlet, walls, the flap's surface and root, and the elastic roof's sides."""
@@ -108,8 +90,7 @@ class FlapChannel(ChannelGeometry):
         found = [Boundary("surface", SURFACE, surface_role(physics), wet, None if physics == "solid" else "flap")]
         if physics != "solid":
             found += [
-                Boundary("inlet", INLET, "inlet", self.height),
-                Boundary("outlet", OUTLET, "outlet", self.height),
+                *self.ends,
                 Boundary("walls", WALLS, "no-slip", floor if self.roof else floor + self.length),
             ]
         if physics != "fluid":

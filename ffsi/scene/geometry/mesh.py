@@ -15,7 +15,7 @@ from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 from ffsi.scene.base import Table, refuse
 from ffsi.scene.boundaries import OUTLET, SUPPORTED, Boundary
 from ffsi.scene.errors import Problem, join, names, number_text, short
-from ffsi.scene.geometry.base import ChannelGeometry, ElementSizes, Inlet, Physics
+from ffsi.scene.geometry.base import ChannelGeometry, Inlet, Physics
 from ffsi.scene.meshes import FILE, DomainMesh, MeshError, Naming, domain_mesh, stored_naming, write_medit
 from ffsi.scene.units import Coordinate, to_si
 
@@ -79,8 +79,7 @@ class MeshGeometry(ChannelGeometry):
     What is read from the file is read once, when the scene is made.
     """
 
-    default_sizes: ClassVar[ElementSizes | None] = None
-    free_names: ClassVar[bool] = True
+    default_sizes: ClassVar[dict[str, float] | None] = None
     follows: ClassVar[tuple[str, ...]] = ("tip",)
 
     kind: Literal["mesh"] = Field(description="name of the geometry")
@@ -269,8 +268,9 @@ class MeshGeometry(ChannelGeometry):
             for name, where in self._mesh.loose.items()
         ]
 
-    def exact_areas(self, physics: Physics) -> dict[str, float]:
-        """Return the areas in m^2 of the regions."""
+    @property
+    def areas(self) -> dict[str, float]:
+        """Areas in m^2 of the regions."""
         return self._mesh.areas
 
     def outline(self, physics: Physics) -> list[Boundary]:
