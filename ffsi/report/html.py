@@ -22,6 +22,7 @@ from ffsi.files.errors import InputError
 from ffsi.files.reading import read_frame, read_text
 from ffsi.hemodynamics.result import Result, load_results
 from ffsi.report import blood, curves, formulas
+from ffsi.report import history as histories
 from ffsi.report.tables import Rows, cell, with_unit
 from ffsi.result import pictures
 from ffsi.result.evaluation import Notes, attempt, words
@@ -163,7 +164,7 @@ def _pictures(result: Result, notes: Notes) -> list[dict[str, str]]:
 
 
 def _newton(result: Result) -> list[dict[str, str]]:
-    figure = curves.newton_history(result.history)
+    figure = histories.newton_history(result.history)
     return [] if figure is None else [_image(figure, _newton_text(result.data))]
 
 
@@ -182,10 +183,10 @@ def _in_time(result: Result) -> list[dict[str, str]]:
     except InputError:
         return []
     period = last_period(history)
-    figure = curves.time_history(history, (period.start, period.end) if period else None)
+    figure = histories.time_history(history, (period.start, period.end) if period else None)
     if figure is None:
         return []
-    words = f"; on the right the last {curves.ZOOMED} periods, grey: the last one" if period else ""
+    words = f"; on the right the last {histories.ZOOMED} periods, grey: the last one" if period else ""
     return [_image(figure, f"Over time: {time_line(result.data)}{words}.")]
 
 

@@ -13,7 +13,8 @@ from matplotlib.figure import Figure
 
 from ffsi.cli import show
 from ffsi.freefem.events import OnEvent
-from ffsi.report.curves import FAILURE, LABELS, LINES
+from ffsi.report.curves import FAILURE, LINES
+from ffsi.report.tables import label
 from ffsi.result.pictures import FAINT, INK, to_small_png
 from ffsi.run.chain import run_chain
 from ffsi.scene import load_scene
@@ -265,7 +266,7 @@ def draw(tracks: Sequence[Track]) -> Figure:
                     cross = {**FAILURE, "label": "_failed"}
                     axes.plot([track.end[0]], [0.0], color=colour, clip_on=False, zorder=4, **cross)
         axes.set_title(f"{sweep.case}, {sweep.title}", loc="left", fontsize=11, color=INK)
-        axes.set_xlabel(LABELS[VELOCITY], color=INK)
+        axes.set_xlabel(label(VELOCITY), color=INK)
         axes.set_xlim(left=0.0)
         axes.set_ylim(0.0, 1.0)
         axes.grid(True, color="#e3e6ea", linewidth=0.7)

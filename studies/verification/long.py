@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from ffsi.report.curves import time_history
+from ffsi.report.history import time_history
 from ffsi.result.oscillation import BLOCK as PERIODS
 from ffsi.result.oscillation import Oscillation, blocks
 from ffsi.result.pictures import to_small_png

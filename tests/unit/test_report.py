@@ -15,7 +15,7 @@ from run_folders import FakeCheck, FakeFreeFEM, exact, given_state, make_run, st
 
 from ffsi.files.errors import InputError
 from ffsi.hemodynamics.result import Result, load_result
-from ffsi.report import curves, formulas, write_report
+from ffsi.report import curves, formulas, history, write_report
 from ffsi.result import pictures
 from ffsi.result.fields import Fields
 from ffsi.result.words import tally
@@ -201,9 +201,57 @@ def test_sweep_curves_have_one_panel_per_quantity_and_mark_failures():
 def test_sweep_curves_draw_one_line_per_other_value():
     both = pd.concat([table(**{"mesh.level": [0] * 3}), table(**{"mesh.level": [1] * 3})])
     figure = curves.sweep_curves(both, ["mesh.level", KEY])
-    labels = [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
-    assert labels[:1] == ["mesh.level = 0"]
-    assert "mesh.level = 1" in labels
+    legend = figure.axes[0].get_legend()
+    assert [text.get_text() for text in legend.get_texts()] == ["0", "1", "not converged"]
+    assert legend.get_title().get_text() == "mesh level"
+
+
+def test_plot_takes_any_column_of_values():
+    values = {"solid.flap.material": ["svk", "$", None], "output.vtu": [True, False, None], "mesh.level": [0.0, 1, 2]}
+    drags = {"drag_mean": [1.0, 2, np.nan], "drag_min": [0.5, 1, np.nan], "drag_max": [2.0, 3, np.nan], "drag": np.nan}
+    points = table(**values, **drags)
+    for x in (*values, KEY):
+        for by in (None, *values, KEY):
+            figure = curves.plot(points, x, "drag", by)  # each pair is drawn without an error
+            assert figure.axes[0].get_ylabel() == "drag, mean (N/m)"
+            pictures.to_png(figure, dpi=40)
+    axes = curves.plot(points, "solid.flap.material", "drag_mean", units={"drag_mean": "kN/m"}).axes[0]
+    assert axes.get_ylabel() == "drag, mean (kN/m)"
+    assert [text.get_text() for text in axes.get_xticklabels()] == ["svk", r"\$", "unset"]
+    assert [line.get_xdata().tolist() for line in axes.lines] == [[0, 1], [2]]  # the cross of the failed point is last
+
+
+@pytest.mark.parametrize(
+    ("y", "said"), [("drga", 'mean "drag"'), ("status", "holds no numbers"), ("x", "there is inflow")]
+)
+def test_plot_refuses_what_it_cannot_draw(y, said):
+    with pytest.raises(InputError, match=said):
+        curves.plot(table(), KEY, y)
+
+
+def test_many_lines_are_told_apart_by_a_scale():
+    many = pd.concat([table(**{"fluid.viscosity": 10.0**i}) for i in range(curves.MOST + 1)], ignore_index=True)
+    figure = curves.plot(many, KEY, "drag", "fluid.viscosity")
+    axes, bar = figure.axes
+    assert bar.get_ylabel() == "dynamic viscosity (Pa s)"
+    assert bar.get_yscale() == "log"
+    assert [text.get_text() for text in axes.get_legend().get_texts()] == ["not converged"]
+    assert len({line.get_color() for line in axes.lines if len(line.get_xdata()) == 2}) == curves.MOST + 1
+
+
+def test_two_keys_make_a_heat_map_and_a_design_its_main_effects():
+    both = pd.concat([table(**{"mesh.level": i, "drag": [i, 10 * i, np.nan]}) for i in (1, 2)], ignore_index=True)
+    figure = curves.heat_maps(both, ["mesh.level", KEY])
+    axes = figure.axes[0]
+    np.testing.assert_array_equal(axes.images[0].get_array().filled(-1), [[1, 10, -1], [2, 20, -1]])
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("mean inflow velocity (m/s)", "mesh level")
+    assert sorted(text.get_text() for text in axes.texts) == ["1", "10", "2", "20"]
+    assert axes.lines[0].get_xydata().tolist() == [[2, 0], [2, 1]]
+    assert curves.heat_maps(both[1:], ["mesh.level", KEY]) is None
+    figure = curves.main_effects(both[1:], ["mesh.level", KEY])
+    assert figure.axes[0].get_ylabel() == "drag (N/m)"
+    np.testing.assert_allclose(figure.axes[0].lines[1].get_xydata(), [[1, 10], [2, 11]])
+    assert curves.main_effects(table(), [KEY]) is None
 
 
 def test_the_roof_has_a_panel_of_its_own():
@@ -243,11 +291,11 @@ def test_nothing_to_draw():
     assert curves.sweep_curves(table()[:1], [KEY]) is None
     assert curves.sweep_curves(table(status=["failed"] * 3), [KEY]) is None
     empty = pd.DataFrame({"residual": [], "stage": [], "unknowns": [], "factorized": []})
-    assert curves.newton_history(empty) is None
+    assert history.newton_history(empty) is None
 
 
 def test_newton_history_is_logarithmic(tmp_path):
-    figure = curves.newton_history(load_result(make_run(tmp_path / "run")).history)
+    figure = history.newton_history(load_result(make_run(tmp_path / "run")).history)
     assert figure.axes[0].get_yscale() == "log"
     assert colours(pixels(figure)) > 50
 
