@@ -7,14 +7,15 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from ffsi.text import cut, listed, nearest, printable
+import numpy as np
+from numpy.typing import NDArray
+
+from ffsi.text import cut, listed, printable
+from ffsi.text import nearest as nearest
 
 SHOWN_PROBLEMS = 20
 """Problems that the text of an error shows; the rest is counted."""
 _LONGEST_MESSAGE = 6000
-
-
-__all__ = ["SHOWN_PROBLEMS", "Problem", "SceneError", "join", "names", "nearest", "number_text", "of_type", "short"]
 
 
 @dataclass(frozen=True)
@@ -62,6 +63,21 @@ class SceneError(ValueError):
     def __reduce__(self) -> tuple[type[SceneError], tuple[tuple[Problem, ...]]]:
         """Keep the problems when the error travels between processes."""
         return (SceneError, (self.problems,))
+
+
+def fault(text: str, key: str = "file") -> SceneError:
+    """Return the error of a mesh file, or of another key of the scene's table "geometry"."""
+    return SceneError([Problem(key, text)])
+
+
+def place(point: NDArray[np.float64], unit: str) -> str:
+    """Return a point (2,) in words, in the unit of the mesh file."""
+    return f"({point[0]:.6g}, {point[1]:.6g}) {unit}"
+
+
+def count(number: int, noun: str) -> str:
+    """Return "1 triangle" or "2 triangles"."""
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
 def join(*keys: str) -> str:

@@ -14,9 +14,7 @@ from ffsi.cli.main import main
 from ffsi.result.sweep_definition import define
 from ffsi.scene import MeshGeometry, Scene, SceneError, boundaries, load_scene, stored
 from ffsi.scene.geometry.mesh import STORED, TAKEN
-from ffsi.scene.meshes import MeshError
-from ffsi.scene.meshes.overlaps import refuse_overlaps
-from ffsi.scene.meshes.topology import Topology
+from ffsi.scene.meshes.topology import Topology, refuse_overlaps
 from ffsi.script.render import parameter_flags, render
 
 NUMBERS = {
@@ -272,7 +270,7 @@ def test_no_overlap(gap, along, across) -> None:
 
 @pytest.mark.parametrize(("gap", "along"), [(-1e-3, 2000), (-0.2, 100), (-0.5, 100)])
 def test_overlap(gap, along) -> None:
-    with pytest.raises(MeshError, match=r"two triangles overlap at \(.*\) mm"):
+    with pytest.raises(SceneError, match=r"two triangles overlap at \(.*\) mm"):
         refuse_overlaps(spiral(gap, along), ["band"] * (6 * along))
 
 

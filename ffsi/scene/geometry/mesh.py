@@ -13,10 +13,11 @@ from pydantic import Field, GetCoreSchemaHandler, PrivateAttr, ValidationInfo, f
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from ffsi.scene.base import Table, refuse
-from ffsi.scene.boundaries import OUTLET, SUPPORTED, Boundary
-from ffsi.scene.errors import Problem, join, names, number_text, short
+from ffsi.scene.boundaries import OUTLET, Boundary
+from ffsi.scene.errors import Problem, SceneError, join, names, number_text, short
 from ffsi.scene.geometry.base import ChannelGeometry, Inlet, Physics
-from ffsi.scene.meshes import FILE, DomainMesh, MeshError, Naming, domain_mesh, stored_naming, write_medit
+from ffsi.scene.meshes.building import DomainMesh, domain_mesh, stored_naming, write_medit
+from ffsi.scene.meshes.curves import Naming
 from ffsi.scene.units import Coordinate, to_si
 
 STORED = "geometry.mesh"
@@ -139,8 +140,9 @@ class MeshGeometry(ChannelGeometry):
         refuse(list(self._missing()))
         try:
             self._mesh = domain_mesh(Path(self.file), self.unit, to_si(f"1 {self.unit}", "m"), self._naming)
-        except MeshError as error:
-            refuse([_with_file(problem, self.file) for problem in error.problems])
+        except SceneError as error:  # what is wrong with the mesh itself has its file as the value
+            name = short(Path(self.file).name)
+            refuse([replace(problem, value=name) if problem.key == "file" else problem for problem in error.problems])
         refuse(list(self._point_problems()))
         if self.tip is None and self.solid_names:
             x, y = self._mesh.far_point
@@ -275,12 +277,4 @@ class MeshGeometry(ChannelGeometry):
 
     def outline(self, physics: Physics) -> list[Boundary]:
         """Return the boundaries of the mesh."""
-        return [
-            Boundary(edges.name, edges.label, edges.role, edges.length, edges.part, outer=edges.label == SUPPORTED)
-            for edges in self._mesh.boundaries
-        ]
-
-
-def _with_file(problem: Problem, file: str) -> Problem:
-    """Give a problem of the mesh itself the file as its value."""
-    return replace(problem, value=short(Path(file).name)) if problem.key == FILE else problem
+        return list(self._mesh.boundaries)

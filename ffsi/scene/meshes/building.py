@@ -9,20 +9,15 @@ from functools import cached_property, lru_cache
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from ffsi.files.arrays import Floats, Ints
-from ffsi.scene.boundaries import CLAMPED, INLET, SUPPORTED
-from ffsi.scene.errors import Problem, names, short
-from ffsi.scene.meshes.curves import Curves, Edges, meaning
-from ffsi.scene.meshes.errors import MeshError, count, fault, place
-from ffsi.scene.meshes.naming import FLUID, ROLES, Naming, chosen_groups
-from ffsi.scene.meshes.overlaps import refuse_overlaps
+from ffsi.scene.boundaries import CLAMPED, INLET, SUPPORTED, Boundary
+from ffsi.scene.errors import Problem, SceneError, count, fault, names, place, short
+from ffsi.scene.meshes import topology as checks
+from ffsi.scene.meshes.curves import FLUID, ROLES, Curves, Naming, boundary, chosen_groups
 from ffsi.scene.meshes.reading import MeshFile, read_mesh_file
-from ffsi.scene.meshes.topology import Topology, counter_clockwise, refuse_folds, refuse_gaps
-
-Flags = NDArray[np.bool_]
+from ffsi.scene.meshes.topology import Flags, Topology, cross
 
 HELD = (CLAMPED, SUPPORTED)
 """Labels of boundaries that hold a solid."""
@@ -58,7 +53,7 @@ class DomainMesh:
     edges: Ints
     label: Ints
     areas: dict[str, float]
-    boundaries: tuple[Edges, ...]
+    boundaries: tuple[Boundary, ...]
     inlet: tuple[tuple[float, float], tuple[float, float], float] | None
     loose: dict[str, str]
 
@@ -73,9 +68,7 @@ class DomainMesh:
         corners = self.vertices[self.triangles[self.region != FLUID]]
         offset = np.asarray(point) - corners[:, 0]
         a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-        area = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
-        s = (offset[:, 0] * b[:, 1] - offset[:, 1] * b[:, 0]) / area
-        t = (a[:, 0] * offset[:, 1] - a[:, 1] * offset[:, 0]) / area
+        s, t = cross(offset, b) / cross(a, b), cross(a, offset) / cross(a, b)
         return bool(((s > -1e-9) & (t > -1e-9) & (s + t < 1 + 1e-9)).any())
 
     @property
@@ -109,29 +102,25 @@ def domain_mesh(path: Path, unit: str, metres: float, naming: Naming) -> DomainM
         naming: the scene's names for what is in it.
 
     Raises:
-        MeshError: it cannot be used.
+        SceneError: it cannot be used.
     """
     try:
-        status = path.stat()
-    except (OSError, ValueError):  # also a path that cannot be one
-        return _domain_mesh(path, unit, metres, naming)  # says what is wrong
-    return _cached(path, unit, metres, naming, (status.st_mtime_ns, status.st_size))
+        version = path.stat()
+    except (OSError, ValueError):  # reading it says what is wrong; ValueError: a path that cannot be one
+        return _domain_mesh(path, unit, metres, naming)
+    return _domain_mesh(path, unit, metres, naming, (version.st_mtime_ns, version.st_size))
 
 
 @lru_cache(maxsize=16)
-def _cached(path: Path, unit: str, metres: float, naming: Naming, version: tuple[int, int]) -> DomainMesh:
-    return _domain_mesh(path, unit, metres, naming)
-
-
-def _domain_mesh(path: Path, unit: str, metres: float, naming: Naming) -> DomainMesh:
+def _domain_mesh(path: Path, unit: str, metres: float, naming: Naming, _: tuple[int, int] | None = None) -> DomainMesh:
     file = read_mesh_file(path)
     region, titles = _regions(file, naming, unit)
     used, triangles = np.unique(file.triangles, return_inverse=True)
     vertices = _snapped(file.points[used] * metres)
-    topology, turned = counter_clockwise(vertices / metres, triangles.reshape(-1, 3), unit)
-    refuse_folds(topology, turned, region)
-    refuse_gaps(topology, titles)
-    refuse_overlaps(topology, titles)
+    topology, turned = checks.counter_clockwise(vertices / metres, triangles.reshape(-1, 3), unit)
+    checks.refuse_folds(topology, turned, region)
+    checks.refuse_gaps(topology, titles)
+    checks.refuse_overlaps(topology, titles)
     number = np.full(len(file.points), -1, dtype=np.int64)
     number[used] = np.arange(len(used))
     curves = Curves(topology, region, number[file.lines], file.curves)
@@ -142,10 +131,9 @@ def _domain_mesh(path: Path, unit: str, metres: float, naming: Naming) -> Domain
     chosen = np.flatnonzero(label)
     edges = curves.directed[chosen]
     lengths = np.linalg.norm(vertices[edges[:, 1]] - vertices[edges[:, 0]], axis=1)
-    corners = vertices[topology.triangles]
-    a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    areas = 0.5 * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+    areas = checks.areas(vertices, topology.triangles)
     by_number = sorted(naming.numbers.items(), key=lambda item: item[1])
+    held = np.asarray(np.isin(topology.triangles, edges[np.isin(label[chosen], HELD)]).any(axis=1))
     return DomainMesh(
         vertices=vertices,
         triangles=topology.triangles,
@@ -154,11 +142,11 @@ def _domain_mesh(path: Path, unit: str, metres: float, naming: Naming) -> Domain
         label=label[chosen],
         areas={name: float(areas[region == number].sum()) for name, number in by_number},
         boundaries=tuple(
-            Edges(*meaning(value, parts), float(lengths[label[chosen] == value].sum()))
+            boundary(value, parts, float(lengths[label[chosen] == value].sum()))
             for value in np.unique(label[chosen]).tolist()
         ),
         inlet=_inlet(vertices, edges[label[chosen] == INLET], unit, metres) if "fluid" in naming.numbers else None,
-        loose=_loose(topology, region, edges[np.isin(label[chosen], HELD)], naming),
+        loose=_pieces_without(topology, region, held, naming),
     )
 
 
@@ -198,7 +186,7 @@ def _regions(file: MeshFile, naming: Naming, unit: str) -> tuple[Ints, list[str]
             for cell in group.cells.tolist():
                 titles[cell] = group.title
     if problems:
-        raise MeshError(problems)
+        raise SceneError(problems)
     left = np.flatnonzero(region == 0)
     if left.size:
         where = place(file.points[file.triangles[left[0]]].mean(axis=0), unit)
@@ -210,12 +198,6 @@ def _regions(file: MeshFile, naming: Naming, unit: str) -> tuple[Ints, list[str]
         hint = "(in Gmsh: each surface in a physical group, and Mesh.SaveAll = 0)"
         raise fault(f"{what}, which is used nowhere; {accepted}" if unused else f"{what}; {accepted} {hint}", "regions")
     return region, titles
-
-
-def _loose(topology: Topology, region: Ints, held_edges: Ints, naming: Naming) -> dict[str, str]:
-    """Return the places of pieces of solids without a node on held edges, by the scene's names."""
-    held = np.asarray(np.isin(topology.triangles, held_edges).any(axis=1))
-    return _pieces_without(topology, region, held, naming)
 
 
 def _pieces_without(topology: Topology, region: Ints, marked: Flags, naming: Naming) -> dict[str, str]:
@@ -246,8 +228,7 @@ def _refuse_parted_fluid(topology: Topology, region: Ints) -> None:
 
 
 def _refuse_dry_solids(topology: Topology, region: Ints, naming: Naming) -> None:
-    inner = topology.right >= 0
-    pairs = np.stack([topology.left[1][inner], topology.right[inner]], axis=1)
+    pairs = topology.neighbours
     wet = np.zeros(len(region), dtype=np.bool_)
     wet[pairs[(region[pairs] == FLUID).any(axis=1)]] = True
     accepted = "accepted with a fluid: solids that share edges with it, themselves or through other solids"
@@ -256,16 +237,13 @@ def _refuse_dry_solids(topology: Topology, region: Ints, naming: Naming) -> None
         for name, where in _pieces_without(topology, region, wet, naming).items()
     ]
     if problems:
-        raise MeshError(problems)
+        raise SceneError(problems)
 
 
 def _inlet(
     vertices: Floats, edges: Ints, unit: str, metres: float
 ) -> tuple[tuple[float, float], tuple[float, float], float]:
-    """Return start, inward direction and length of the inlet.
-
-    Its edges have the fluid on their left; it runs the other way, from the end of the last edge.
-    """
+    """Return start, inward direction and length of the inlet; it runs from the end of its edges' last to the first."""
     firsts, lasts = set(edges[:, 0].tolist()), set(edges[:, 1].tolist())
     ends, starts = sorted(firsts - lasts), sorted(lasts - firsts)
     if len(starts) != 1 or len(ends) != 1:
@@ -275,7 +253,7 @@ def _inlet(
     length = float(np.linalg.norm(end - start))
     along = (end - start) / length
     offset = vertices[np.unique(edges)] - start
-    away = np.abs(offset[:, 1] * along[0] - offset[:, 0] * along[1])
+    away = np.abs(cross(along, offset))
     if away.max() > STRAIGHT * length:
         point = (start + offset[int(np.argmax(away))]) / metres
         text = f"must be straight; at {place(point, unit)} it is {away.max() / metres:.3g} {unit}"

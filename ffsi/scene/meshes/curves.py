@@ -1,38 +1,94 @@
-"""The boundaries of a mesh: which edges they are, and their labels."""
+"""The boundaries of a mesh: what the scene's names mean, which edges they are, and their labels."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from ffsi.files.arrays import Ints
-from ffsi.scene.boundaries import OUTER, PARTS, SURFACE, WALLS, Role
-from ffsi.scene.errors import Problem, names, short
-from ffsi.scene.meshes.errors import MeshError, count, fault, place
-from ffsi.scene.meshes.naming import FLUID, ROLES, Naming, chosen_groups
+from ffsi.scene.boundaries import (
+    CLAMPED,
+    INLET,
+    LOADED,
+    OUTER,
+    OUTLET,
+    PARTS,
+    SUPPORTED,
+    SURFACE,
+    WALLS,
+    Boundary,
+    Role,
+)
+from ffsi.scene.errors import Problem, SceneError, count, fault, names, nearest, place, short
 from ffsi.scene.meshes.reading import Group
 from ffsi.scene.meshes.topology import Topology
 
+Names = tuple[str, ...]
 
-@dataclass(frozen=True)
-class Edges:
-    """One labelled boundary.
+FLUID = 1
 
-    Args:
-        name: key of the scene, "interface", or the part's name.
-        label: its label.
-        role: condition on it.
-        part: body part, None if it is in none.
-        length: m.
-    """
 
-    name: str
-    label: int
+class RoleOf(NamedTuple):
+    """What a key of the scene's table of boundaries means: condition, label, whether it bounds fluid (or a solid)."""
+
     role: Role
-    part: str | None
-    length: float
+    label: int
+    fluid: bool
+
+
+ROLES: dict[str, RoleOf] = {
+    "inlet": RoleOf("inlet", INLET, True),
+    "outlet": RoleOf("outlet", OUTLET, True),
+    "walls": RoleOf("no-slip", WALLS, True),
+    "clamped": RoleOf("clamped", CLAMPED, False),
+    "free": RoleOf("free", OUTER, False),
+    "loaded": RoleOf("loaded", LOADED, False),
+    "supported": RoleOf("free", SUPPORTED, False),
+}
+
+
+class Naming(NamedTuple):
+    """What "fluid" and each solid, each key of `ROLES` and each part have in the file, in the scene's order."""
+
+    regions: tuple[tuple[str, Names], ...]
+    boundaries: tuple[tuple[str, Names], ...]
+    parts: tuple[tuple[str, Names], ...]
+
+    @property
+    def numbers(self) -> dict[str, int]:
+        """Number of each region: 1 for the fluid, 2 and on for the solids."""
+        solids = [name for name, _ in self.regions if name != "fluid"]
+        return {name: FLUID if name == "fluid" else solids.index(name) + 2 for name, _ in self.regions}
+
+
+def chosen_groups(
+    wanted: Names, groups: Sequence[Group], key: str, noun: str, problems: list[Problem]
+) -> list[tuple[str, Group]]:
+    """Return the groups that the scene names, all those with a name; what is not there or empty becomes a problem."""
+    found = []
+    for name in wanted:
+        called = [group for group in groups if group.name == name]
+        numbered = [group for group in groups if str(group.number) == name and group.name != name]
+        if called and numbered:
+            text = f"means two: a {noun} with this name, and one with this number, which has"
+            problems.append(Problem(key, f"{text} the name {names([numbered[0].title])}", short(name)))
+            continue
+        called = called or numbered
+        if filled := [group for group in called if len(group.cells)]:
+            found += [(name, group) for group in filled]
+            continue
+        titles = [group.title for group in groups if len(group.cells)]
+        plural = "regions" if noun == "region" else "boundaries"
+        hint = "(in Gmsh: physical groups, and Mesh.SaveAll = 0)"
+        holds = f"the mesh has {names(titles)}" if titles else f"the mesh names no {plural} {hint}"
+        if called:
+            text = f"the file names this {noun}, but nothing belongs to it; {holds}"
+            problems.append(Problem(key, text, short(name)))
+        else:
+            problems.append(Problem(key, f"no such {noun}; {holds}", short(name), nearest(str(name), titles)))
+    return found
 
 
 class Curves:
@@ -76,10 +132,9 @@ class Curves:
                 given[edges] = len(chosen)
                 chosen.append((key, name))
         if problems:
-            raise MeshError(problems)
+            raise SceneError(problems)
         self._refuse_without_role(label)
-        parts = self._parts(naming, label)
-        return label, parts
+        return label, self._parts(naming, label)
 
     def _find(self, group: Group) -> Ints:
         """Return the edges of a group of lines, -1 where a line is no edge."""
@@ -87,11 +142,7 @@ class Curves:
         return np.where((pairs < 0).any(axis=1), -1, self.topology.find(np.maximum(pairs, 0)))
 
     def _edges(self, group: Group, key: str) -> Ints:
-        """Return the edges of a group of lines.
-
-        Raises:
-            MeshError: a line is no edge.
-        """
+        """Return the edges of a group of lines; refuse one with a line that is no edge."""
         edges = self._find(group)
         if (edges < 0).any():
             bad = count(int((edges < 0).sum()), "line")
@@ -130,43 +181,38 @@ class Curves:
         problems: list[Problem] = []
         for part, wanted in naming.parts:
             groups = chosen_groups(wanted, self.groups, f"parts.{part}", "boundary", problems)
-            found = [self._edges(group, f"parts.{part}") for _, group in groups]
-            chosen.append((part, np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *found]))))
+            edges = [self._edges(group, f"parts.{part}") for _, group in groups]
+            chosen.append((part, np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *edges]))))
         if problems:
-            raise MeshError(problems)
-        return self._label_parts(chosen or self._default_parts(naming, label), label)
-
-    def _default_parts(self, naming: Naming, label: Ints) -> list[tuple[str, Ints]]:
-        solids = {number: name for name, number in naming.numbers.items()}
-        wet = np.unique(self.solid[self.interface]).tolist()
-        parts = [(solids[number], np.flatnonzero(self.interface & (self.solid == number))) for number in wet]
-        walls = np.flatnonzero(label == WALLS)
-        return parts or ([("walls", walls)] if walls.size else [])
-
-    def _label_parts(self, parts: Sequence[tuple[str, Ints]], label: Ints) -> dict[int, tuple[str, Role]]:
+            raise SceneError(problems)
+        if not chosen:
+            solids = {number: name for name, number in naming.numbers.items()}
+            wet = np.unique(self.solid[self.interface]).tolist()
+            chosen = [(solids[number], np.flatnonzero(self.interface & (self.solid == number))) for number in wet]
+            chosen = chosen or [("walls", walls) for walls in [np.flatnonzero(label == WALLS)] if walls.size]
         roles: dict[int, Role] = {SURFACE: "interface", WALLS: "no-slip"}
         found: dict[int, tuple[str, Role]] = {}
-        for number, (part, edges) in enumerate(parts, start=PARTS):
-            kinds = np.unique(label[edges]).tolist()
+        for number, (part, own) in enumerate(chosen, start=PARTS):
+            kinds = np.unique(label[own]).tolist()
             if len(kinds) != 1 or kinds[0] not in roles:
                 text = "must be either one of the walls or an interface between fluid and solid"
-                bad = next((edge for edge in edges.tolist() if label[edge] not in roles), None)
+                bad = next((edge for edge in own.tolist() if label[edge] not in roles), None)
                 where = "" if bad is None else f"; not so at {self._at(bad)}"
                 raise fault(f"{text}, and in no other part{where}", f"parts.{part}")
             found[number] = (part, roles[kinds[0]])
-            label[edges] = number
+            label[own] = number
         return found
 
     def _at(self, edge: int) -> str:
         return place(self.topology.middles[edge], self.topology.unit)
 
 
-def meaning(label: int, parts: dict[int, tuple[str, Role]]) -> tuple[str, int, Role, str | None]:
-    """Return name, label, role and part of a label."""
+def boundary(label: int, parts: dict[int, tuple[str, Role]], length: float) -> Boundary:
+    """Return what a label means."""
     if label in parts:
         name, role = parts[label]
-        return name, label, role, name
+        return Boundary(name, label, role, length, name)
     if label == SURFACE:
-        return "interface", label, "interface", None
-    name = next(key for key, meaning in ROLES.items() if meaning.label == label)
-    return name, label, ROLES[name].role, None
+        return Boundary("interface", label, "interface", length)
+    name = next(key for key, meant in ROLES.items() if meant.label == label)
+    return Boundary(name, label, ROLES[name].role, length, outer=label == SUPPORTED)

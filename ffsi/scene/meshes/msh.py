@@ -17,8 +17,7 @@ import numpy.typing as npt
 from numpy.typing import NDArray
 
 from ffsi.files.arrays import Floats, Ints
-from ffsi.scene.errors import short
-from ffsi.scene.meshes.errors import fault
+from ffsi.scene.errors import fault, short
 
 SAVE = "in Gmsh: Mesh.MshFileVersion = 4.1"
 # Types of elements: number in the format, name, nodes.
@@ -62,7 +61,7 @@ def read_msh(path: Path) -> Msh:
     """Read a file.
 
     Raises:
-        MeshError: it has another version, or is damaged; with the line (in binary files: the byte) where it shows.
+        SceneError: it has another version, or is damaged; with the line (in binary files: the byte) where it shows.
     """
     return _File(path.read_bytes()).read()
 

@@ -6,16 +6,13 @@ import contextlib
 import io
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ffsi.files.arrays import Floats, Ints
-from ffsi.scene.errors import names, nearest
-from ffsi.scene.meshes.errors import count, fault
-from ffsi.scene.meshes.lost import marker_names, refuse_lost_sets
+from ffsi.scene.errors import count, fault, names, nearest, short
 from ffsi.scene.meshes.msh import is_msh, read_msh
 
 # Cell data that hold the numbers of groups, by the formats that write them.
@@ -27,21 +24,17 @@ _QUADS = re.compile(r"(quad|polygon)\d*")
 _OUT_OF_RANGE = re.compile(r"index (-?\d+) is out of bounds")
 # Rotations that lay the plane with a constant coordinate into z = constant.
 _TURNS = {"x": "Rotate {{0, 1, 0}, {0, 0, 0}, Pi/2}", "y": "Rotate {{1, 0, 0}, {0, 0, 0}, -Pi/2}"}
+_KEYWORD = re.compile(r"^\*\s*(NODE|ELEMENT|ELSET|INCLUDE)\s*(?:,(.*))?$", re.IGNORECASE)
+_ELSET = re.compile(r"\bELSET\s*=\s*([^,]*)", re.IGNORECASE)
+_MARKER = re.compile(r"^\s*MARKER_TAG\s*=(.*)$", re.MULTILINE)
 FAR = 1e100
 """Larger coordinates are none: products of three of them have no value."""
 PLANE = 1e-9
 """How far the nodes may be from a plane, in sizes of the mesh."""
 
 
-@dataclass(frozen=True)
-class Group:
-    """Cells of one dimension that carry the same name or number.
-
-    Args:
-        name: name in the file, None if it has only a number.
-        number: number in the file, None if it has only a name.
-        cells: numbers of the cells, in ascending order; none where the file names what it does not hold.
-    """
+class Group(NamedTuple):
+    """Cells (ascending) with the same name or number in a file; none where it names what it does not hold."""
 
     name: str | None
     number: int | None
@@ -53,17 +46,8 @@ class Group:
         return str(self.number) if self.name is None else self.name
 
 
-@dataclass(frozen=True)
-class MeshFile:
-    """What a mesh file holds.
-
-    Args:
-        points: (n, 2) in the unit of the file.
-        triangles: (nt, 3) numbers of points.
-        lines: (nl, 2) numbers of points.
-        regions: groups of triangles.
-        curves: groups of lines.
-    """
+class MeshFile(NamedTuple):
+    """Points (n, 2) in the unit of a file, triangles (nt, 3) and lines (nl, 2) of these, groups of both."""
 
     points: Floats
     triangles: Ints
@@ -79,7 +63,7 @@ def read_mesh_file(path: Path) -> MeshFile:
         path: a file of Gmsh (versions 2 and 4.1), or of any other format that meshio reads.
 
     Raises:
-        MeshError: the file is missing, damaged or unreadable, holds other elements than linear triangles and lines, or
+        SceneError: the file is missing, damaged or unreadable, holds other elements than linear triangles and lines, or
             does not lie in a plane z = constant.
     """
     _refuse_no_file(path)
@@ -120,9 +104,9 @@ def _read_gmsh(path: Path) -> _Content:
 
 def _read_other(path: Path) -> _Content:
     if path.suffix.lower() == ".inp":
-        refuse_lost_sets(path)
+        _refuse_lost_sets(path)
     mesh = _read(path)
-    families = marker_names(path) if "su2:tag" in mesh.cell_data else getattr(mesh, "cell_tags", {})
+    families = _marker_names(path) if "su2:tag" in mesh.cell_data else getattr(mesh, "cell_tags", {})
     points = np.asarray(mesh.points, dtype=np.float64)
     _refuse_elements([(block.type, len(block.data)) for block in mesh.cells])
     cells = {kind: _cells(mesh, kind) for kind in _DIMENSION}
@@ -136,7 +120,7 @@ def _once(triangles: Ints, groups: Sequence[Group]) -> tuple[Ints, tuple[Group, 
         return triangles, tuple(groups)
     kept = np.sort(first)
     number = np.searchsorted(kept, first[same.ravel()])
-    return triangles[kept], tuple(replace(group, cells=np.unique(number[group.cells])) for group in groups)
+    return triangles[kept], tuple(group._replace(cells=np.unique(number[group.cells])) for group in groups)
 
 
 def _refuse_no_file(path: Path) -> None:
@@ -276,3 +260,61 @@ def _number_data(mesh: Any, blocks: Sequence[int]) -> str | None:
         )
         raise fault(f"{text} and boundaries")
     return found[0] if found else None
+
+
+# Names of groups that meshio loses --------------------------------------------------------------------------------
+
+
+def _refuse_lost_sets(path: Path) -> None:
+    """Refuse a file of Abaqus with sets that meshio would give to other elements, or to fewer."""
+    sets: set[str] = set()
+    nodes = 0
+    listed = False
+    owned: set[bool] = set()  # whether elements are in a set from the start
+    for number, keyword, options, first in _keywords(path):
+        found = _ELSET.search(options)
+        name = found[1].strip() if found else None
+        what = ""
+        if keyword == "NODE":
+            nodes += 1
+            what = "a second list of nodes" if nodes > 1 else ""
+        elif keyword == "INCLUDE":
+            what = "another file is included"
+        elif name in sets:
+            what = f"a second set {short(name)}"
+        elif keyword == "ELSET" and not first.strip().split(",")[0].strip().isdigit():
+            what = "a set that is not a list of elements"
+        elif keyword == "ELSET":
+            listed = True
+        elif listed:
+            what = "elements after a set"
+        elif len(owned := owned | {name is not None}) > 1:
+            what = "elements in a set from the start beside others"
+        if what:
+            text = f"line {number}: {what}, which meshio does not keep"
+            accepted = "one *NODE, then all *ELEMENT with an ELSET or all without, then *ELSET of numbers, each once"
+            raise fault(f"{text}; accepted: {accepted}, or another format (.msh)")
+        if name is not None:
+            sets.add(name)
+
+
+def _keywords(path: Path) -> Iterator[tuple[int, str, str, str]]:
+    """Yield line, keyword and options of each keyword that matters, and the line after it."""
+    lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+    for number, line in enumerate(lines, start=1):
+        if found := _KEYWORD.match(line.strip()):
+            following = lines[number] if number < len(lines) else ""
+            yield number, found[1].upper(), found[2] or "", following
+
+
+def _marker_names(path: Path) -> dict[int, list[str]]:
+    """Return the names of the markers of an SU2 file by the numbers that meshio gives them, no two the same."""
+    found: dict[int, list[str]] = {}
+    number = 0
+    for name in _MARKER.findall(path.read_text(encoding="utf-8", errors="replace")):
+        text = name.strip()
+        number = int(text) if re.fullmatch(r"[+-]?\d{1,9}", text) else number + 1
+        if number in found:
+            raise fault(f"the markers {short(found[number][0])} and {short(text)} cannot be told apart; rename one")
+        found[number] = [text]
+    return found

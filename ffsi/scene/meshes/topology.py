@@ -12,8 +12,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
 from ffsi.files.arrays import Floats, Ints
-from ffsi.scene.errors import names
-from ffsi.scene.meshes.errors import count, fault, place
+from ffsi.scene.errors import count, fault, names, place, short
 
 Flags = NDArray[np.bool_]
 
@@ -23,17 +22,24 @@ CLOSE = 1e-9
 """Nodes nearer than this part of the domain's size are at the same place."""
 ON_EDGE = 1e-6
 """A node nearer to an edge than this part of the edge's length lies on it."""
+ROUNDING = 1e-11
+"""What overlaps by less than this part of the mesh's area does not."""
+
+
+def cross(a: Floats, b: Floats) -> Floats:
+    """Return the products a x b (...,) of vectors (..., 2), positive where b points to the left of a."""
+    return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
+
+
+def areas(points: Floats, triangles: Ints) -> Floats:
+    """Return the areas (nt,) of triangles, below zero where they run clockwise."""
+    corners = points[triangles]
+    return 0.5 * cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
 
 
 @dataclass(frozen=True)
 class Topology:
-    """Triangles that run counter-clockwise, and their edges.
-
-    Args:
-        points: (n, 2), each used by a triangle.
-        triangles: (nt, 3).
-        unit: of the points, for messages.
-    """
+    """Triangles (nt, 3) that run counter-clockwise, and their edges; each point (n, 2), in a unit, is used by one."""
 
     points: Floats
     triangles: Ints
@@ -74,6 +80,11 @@ class Topology:
         return triangle
 
     @cached_property
+    def neighbours(self) -> Ints:
+        """(k, 2) the triangles on both sides of each inner edge."""
+        return np.stack([self.left[1], self.right], axis=1)[self.right >= 0]
+
+    @cached_property
     def middles(self) -> Floats:
         """(ne, 2) the middles of the edges."""
         return np.asarray(self.points[self.left[0]].mean(axis=1))
@@ -92,9 +103,7 @@ class Topology:
 
     def components(self, chosen: Flags) -> Ints:
         """Return, for each chosen triangle, the number of its part; parts are connected by common edges."""
-        inner = (self.right >= 0) & chosen[self.left[1]] & chosen[self.right]
-        number = np.cumsum(chosen) - 1
-        a, b = number[self.left[1][inner]], number[self.right[inner]]
+        a, b = (np.cumsum(chosen) - 1)[self.neighbours[chosen[self.neighbours].all(axis=1)]].T
         size = int(chosen.sum())
         graph = coo_array((np.ones(len(a), dtype=np.int8), (a, b)), shape=(size, size))
         return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
@@ -109,17 +118,12 @@ class Topology:
 
 
 def counter_clockwise(points: Floats, triangles: Ints, unit: str) -> tuple[Topology, Flags]:
-    """Turn all triangles counter-clockwise: which way round a file writes those of a surface has no meaning.
-
-    Returns:
-        The topology, and (nt,) which triangles were turned.
+    """Turn all triangles counter-clockwise (how a file writes a surface has no meaning); tell which (nt,) were turned.
 
     Raises:
-        MeshError: a triangle has no area.
+        SceneError: a triangle has no area.
     """
-    corners = points[triangles]
-    a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    area = 0.5 * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+    corners, area = points[triangles], areas(points, triangles)
     longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
     flat = np.flatnonzero(np.abs(area) <= FLAT * longest**2)
     turned = area < 0
@@ -133,13 +137,11 @@ def counter_clockwise(points: Floats, triangles: Ints, unit: str) -> tuple[Topol
 def refuse_folds(topology: Topology, turned: Flags, region: Ints) -> None:
     """Refuse more than two triangles at an edge, folds, and single inverted triangles.
 
-    Args:
-        topology: the mesh.
-        turned: (nt,) which triangles run clockwise in the file.
-        region: (nt,) regions; an inverted triangle runs the other way round than most others of its region.
+    An inverted triangle runs the other way round than most others of its region (nt,); turned: (nt,) which triangles
+    run clockwise in the file.
 
     Raises:
-        MeshError: there are such triangles.
+        SceneError: there are such triangles.
     """
     _, edge_of_side, at_edge = topology.unique
     if (at_edge > 2).any():
@@ -164,8 +166,7 @@ def _refuse_inverted(topology: Topology, turned: Flags, region: Ints, unusual: F
 
     Not more: meshers write a whole surface clockwise where its outline was drawn so, also one of several in a region.
     """
-    inner = topology.right >= 0
-    pairs = np.stack([topology.left[1][inner], topology.right[inner]], axis=1)
+    pairs = topology.neighbours
     pairs = pairs[region[pairs[:, 0]] == region[pairs[:, 1]]]
     differ = turned[pairs[:, 0]] != turned[pairs[:, 1]]
     size = len(region)
@@ -191,7 +192,7 @@ def refuse_gaps(topology: Topology, titles: list[str]) -> None:
         titles: (nt,) what messages call the region of each triangle.
 
     Raises:
-        MeshError: there are such nodes.
+        SceneError: there are such nodes.
     """
     points = topology.points
     outer = np.flatnonzero(topology.right < 0)
@@ -233,4 +234,34 @@ def _distance(points: Floats, node: int, edge: Ints) -> float:
     square = float(along @ along)
     if not 0.0 < float(offset @ along) < square:
         return np.inf
-    return abs(float(along[0] * offset[1] - along[1] * offset[0])) / square
+    return abs(float(cross(along, offset))) / square
+
+
+def refuse_overlaps(topology: Topology, titles: list[str]) -> None:
+    """Refuse triangles that overlap, in a mesh without folds, nodes at the same place and hanging nodes.
+
+    Raises:
+        SceneError: there are such triangles, which messages call by the titles (nt,) of their regions.
+    """
+    import shapely
+
+    # Neighbours lie on different sides of their common edge, so the number of triangles over a point is the winding
+    # number of the outer edges around it. Where these do not cross, and what they enclose an odd number of times is as
+    # large as all triangles together, it is nowhere above 1.
+    outer = shapely.multilinestrings(topology.points[topology.left[0][topology.right < 0]])
+    triangles = shapely.polygons(topology.points[topology.triangles])
+    area = float(shapely.area(triangles).sum())
+    if shapely.is_simple(outer) and abs(shapely.area(shapely.build_area(outer)) - area) <= ROUNDING * area:
+        return
+    first = int(np.argmin(shapely.is_empty(shapely.coverage_invalid_edges(triangles))))
+    near = shapely.STRtree(triangles).query(triangles[first])
+    common = shapely.intersection(triangles[first], triangles[near[near != first]])
+    second = int(np.argmax(shapely.area(common)))
+    point = np.ravel(shapely.get_coordinates(shapely.point_on_surface(common[second])))
+    where = place(np.where(np.abs(point) < 1e-12 * np.abs(topology.points).max(), 0.0, point), topology.unit)
+    what = " and ".join(
+        f"one of {short(titles[t])} with the corners {topology.triangle_at(t)}"
+        for t in (first, int(near[near != first][second]))
+    )
+    accepted = "accepted: regions that cover each place once and share the nodes of their boundaries (in Gmsh: "
+    raise fault(f"two triangles overlap at {where}, {what}; {accepted}BooleanFragments)")
