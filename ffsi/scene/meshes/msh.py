@@ -33,17 +33,14 @@ _NO_NUMBER = re.compile(rb"[^\s0-9eE+.-]|\S{41}")
 
 
 _Block = tuple[str, Ints, dict[int, Ints]]  # elements of one type: their nodes, and which lie in which group
+_INT, _SIZE, _REAL = "i4", "i8", "f8"  # kinds of numbers
 
 
 @dataclass
 class Msh:
-    """What a file holds.
+    """What a file holds: points (n, 3), and by type of element ("line", "triangle", ...) numbers of the points of each.
 
-    Args:
-        names: of the groups, by dimension and number.
-        points: (n, 3).
-        elements: by type ("line", "triangle", ...), numbers of the points of each.
-        groups: by dimension (1 or 2) and number of a group, numbers of its lines or triangles.
+    A group has a dimension (1 or 2), a number, perhaps a name, and numbers of its lines or triangles.
     """
 
     names: dict[tuple[int, int], str] = field(default_factory=dict)
@@ -76,17 +73,9 @@ class _Section:
         if self.words is not None and (bad := _NO_NUMBER.search(file.data, start, end)):
             raise self.fault(f"{_text(file.data[bad.start() : bad.start() + 50].split()[0])} is no number", bad.start())
 
-    def ints(self, count: int) -> Ints:
-        """Return the next whole numbers of 4 bytes."""
-        return self._take(count, "i4").astype(np.int64)
-
-    def sizes(self, count: int) -> Ints:
-        """Return the next whole numbers of 8 bytes."""
-        return self._take(count, "i8").astype(np.int64)
-
-    def floats(self, count: int) -> Floats:
-        """Return the next real numbers."""
-        return self._take(count, "f8").astype(np.float64)
+    def take(self, count: int, kind: str) -> NDArray[Any]:
+        """Return the next numbers of a kind, as int64 or float64."""
+        return self._take(count, kind).astype(np.float64 if kind == _REAL else np.int64)
 
     def nodes(self, count: int) -> tuple[Ints, Floats]:
         """Return the numbers (count,) and places (count, 3) of the next nodes in a file of version 2."""
@@ -94,25 +83,21 @@ class _Section:
             dtype = np.dtype([("number", "i4"), ("place", "f8", 3)])
             found = self._take(count, dtype)
             return found["number"].astype(np.int64), found["place"].astype(np.float64)
-        rows = self.floats(4 * count).reshape(count, 4)
+        rows = self.take(4 * count, _REAL).reshape(count, 4)
         if (fraction := rows[:, 0] != np.floor(rows[:, 0])).any():
             self.at -= 4 * (count - int(np.argmax(fraction))) - 1
             raise self.error("a node's number must be whole")
         return rows[:, 0].astype(np.int64), rows[:, 1:]
 
     def count(self) -> int:
-        """Return how many things follow, which is on a line of text also in binary files of version 2."""
-        if self.words is not None:
-            return self._sensible(int(self.ints(1)[0]))
+        """Return how many things follow: a number like others, but on a line of text in binary files of version 2."""
+        if self.words is not None or self.file.version > 4:
+            return self._sensible(int(self.take(1, _SIZE)[0]))
         found = re.compile(rb"\s*(\d{1,18})[ \t]*\r?\n").match(self.file.data, self.at, self.end)
         if found is None:
             raise self.fault("the number of what follows is missing", self.at)
         self.at = found.end()
         return self._sensible(int(found[1]))
-
-    def size(self) -> int:
-        """Return how many things follow, in files of version 4.1."""
-        return self._sensible(int(self.sizes(1)[0]))
 
     @property
     def left(self) -> int:
@@ -121,10 +106,8 @@ class _Section:
 
     def finish(self) -> None:
         """Refuse what follows."""
-        if self.words is not None and self.at < len(self.words):
+        if self.at < len(self.words) if self.words is not None else self.file.data[self.at : self.end].strip():
             raise self.fault("there is more than it announces", self._offset())
-        if self.words is None and self.file.data[self.at : self.end].strip():
-            raise self.fault("there is more than it announces", self.at)
 
     def fault(self, text: str, offset: int) -> Exception:
         """Return the error of what stands at an offset of the file."""
@@ -152,11 +135,11 @@ class _Section:
         if len(words) < count:
             raise self.fault("it ends too early", self.end)
         try:
-            values = _numbers(words, kind == "f8")
+            values = _numbers(words, kind)
         except (ValueError, OverflowError):
-            bad = next(k for k, word in enumerate(words) if not _is_number(word, kind == "f8"))
+            bad = next(k for k, word in enumerate(words) if not _is_number(word, kind))
             self.at += bad
-            what = "number" if kind == "f8" else "whole number"
+            what = "number" if kind == _REAL else "whole number"
             raise self.fault(f"{_text(words[bad])} is no {what}", self._offset()) from None
         self.at += count
         return values
@@ -191,7 +174,7 @@ class _File:
             "MeshFormat": self._format,
             "PhysicalNames": self._names,
             "Entities": self._entities,
-            "PartitionedEntities": self._partitioned,
+            "PartitionedEntities": self._entities,
             "Nodes": self._nodes,
             "ParametricNodes": self._nodes,
             "Elements": self._elements,
@@ -247,9 +230,8 @@ class _File:
         if header[2] == b"1":
             one = self.data[header.end() : header.end() + 4]
             if one not in (b"\1\0\0\0", b"\0\0\0\1") or header[3] != b"8":
-                text = "the number 1 that shows the order of the bytes is missing" if header[3] == b"8" else (
-                    f"numbers of {header[3].decode()} bytes instead of 8"
-                )  # fmt: skip
+                text = f"numbers of {header[3].decode()} bytes instead of 8"
+                text = "the number 1 that shows the order of the bytes is missing" if header[3] == b"8" else text
                 raise fault(f"damaged at byte {header.end()}, in the section $MeshFormat: {text}")
             self.order = "<" if one[0] else ">"
 
@@ -264,32 +246,23 @@ class _File:
             self.found.names[int(dimension), abs(int(number))] = word.decode("utf-8", "replace")
 
     def _entities(self, name: str, start: int, end: int) -> None:
+        """Read the groups of the entities, or of those that a partition was cut into: elements name these."""
         if self.version < 4:
             return
-        section = _Section(self, name, start, end)
-        self._read_entities(section, [section.size() for _ in range(4)], False)
-
-    def _partitioned(self, name: str, start: int, end: int) -> None:
-        """Read the entities that a partition was cut into: elements name these."""
-        if self.version < 4:
-            return
-        section = _Section(self, name, start, end)
-        section.size()
-        for _ in range(section.size()):
-            section.ints(2)
-        self._read_entities(section, [section.size() for _ in range(4)], True)
-
-    def _read_entities(self, section: _Section, counts: Sequence[int], partitioned: bool) -> None:
-        for dimension, count in enumerate(counts):
+        section, partitioned = _Section(self, name, start, end), name == "PartitionedEntities"
+        if partitioned:
+            section.count()
+            section.take(2 * section.count(), _INT)
+        for dimension, count in enumerate([section.count() for _ in range(4)]):
             for _ in range(count):
-                tag = int(section.ints(1)[0])
+                tag = int(section.take(1, _INT)[0])
                 if partitioned:
-                    section.ints(2)
-                    section.ints(section.size())
-                section.floats(6 if dimension else 3)
-                groups = section.ints(section.size())
+                    section.take(2, _INT)
+                    section.take(section.count(), _INT)
+                section.take(6 if dimension else 3, _REAL)
+                groups = section.take(section.count(), _INT)
                 if dimension:
-                    section.ints(section.size())
+                    section.take(section.count(), _INT)
                 self.physical[dimension, tag] = np.unique(np.abs(groups)).tolist()
                 if partitioned and dimension == 2 and groups.size:
                     self.absent.add(tag)
@@ -309,17 +282,17 @@ class _File:
             raise fault(f"the file has two nodes with the number {known[np.argmax(counts > 1)]}")
 
     def _nodes_41(self, section: _Section, parametric: bool) -> Iterator[tuple[Ints, Floats]]:
-        blocks, total = section.size(), section.size()
-        section.sizes(2)
+        blocks, total = section.count(), section.count()
+        section.take(2, _SIZE)
         found = 0
         for _ in range(blocks):
-            dimension, _, extra = section.ints(3).tolist()
-            count = section.size()
-            tags = section.sizes(count)
+            dimension, _, extra = section.take(3, _INT).tolist()
+            count = section.count()
+            tags = section.take(count, _SIZE)
             width = 3 + (dimension if extra else 0)
             if not 3 <= width <= 6:
                 raise section.error(f"{dimension} is no dimension")
-            yield tags, section.floats(count * width).reshape(count, width)[:, :3]
+            yield tags, section.take(count * width, _REAL).reshape(count, width)[:, :3]
             found += count
         if found != total:
             raise section.error(f"it announces {total} nodes, and {found} follow")
@@ -331,8 +304,8 @@ class _File:
             return
         for _ in range(count):
             yield section.nodes(1)
-            dimension, _ = section.ints(2).tolist()
-            section.floats(dimension if dimension in (1, 2) else 0)
+            dimension, _ = section.take(2, _INT).tolist()
+            section.take(dimension if dimension in (1, 2) else 0, _REAL)
 
     # Elements --------------------------------------------------------------------------------------------------------
 
@@ -353,15 +326,15 @@ class _File:
         self.found.groups = {key: np.unique(np.concatenate(cells)) for key, cells in sorted(groups.items())}
 
     def _elements_41(self, section: _Section) -> Iterator[_Block]:
-        blocks, total = section.size(), section.size()
-        section.sizes(2)
+        blocks, total = section.count(), section.count()
+        section.take(2, _SIZE)
         found = 0
         for _ in range(blocks):
-            dimension, entity, code = section.ints(3).tolist()
+            dimension, entity, code = section.take(3, _INT).tolist()
             kind, width = self._type(section, code)
-            count = section.size()
+            count = section.count()
             self.absent -= {entity} if dimension == 2 and count else set()
-            rows = section.sizes(count * (width + 1)).reshape(count, width + 1)
+            rows = section.take(count * (width + 1), _SIZE).reshape(count, width + 1)
             yield kind, rows[:, 1:], dict.fromkeys(self.physical.get((dimension, entity), ()), np.arange(count))
             found += count
         if found != total:
@@ -371,7 +344,7 @@ class _File:
         """Read elements, which all have a number; in binary files several of one type can follow one header."""
         left = section.count()
         begin = section.at
-        values = section.ints(section.left)
+        values = section.take(section.left, _INT)
         at, run = 0, 1
         while left > 0:
             section.at = begin + (at + 3) * (4 if self.order else 1)
@@ -421,16 +394,15 @@ class _File:
             self.found.elements[kind] = order[position]
 
 
-def _numbers(words: Sequence[bytes], real: bool) -> NDArray[Any]:
-    return np.array(words, dtype="S" if words else None).astype(np.float64 if real else np.int64)
+def _numbers(words: Sequence[bytes], kind: npt.DTypeLike) -> NDArray[Any]:
+    return np.array(words, dtype="S" if words else None).astype(np.float64 if kind == _REAL else np.int64)
 
 
-def _is_number(word: bytes, real: bool) -> bool:
+def _is_number(word: bytes, kind: npt.DTypeLike) -> bool:
     try:
-        _numbers([word], real)
+        return len(_numbers([word], kind)) == 1
     except (ValueError, OverflowError):
         return False
-    return True
 
 
 def _text(word: bytes) -> str:
