@@ -3,27 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from ffsi.files.arrays import RawMesh
 from ffsi.result.fields import FLUID
 from ffsi.scene import Scene, boundaries
-
-if TYPE_CHECKING:
-    from ffsi.files.arrays import RawMesh
 
 
 def intended(scene: Scene) -> dict[str, Any]:
     """Return what the scene says, before anything is meshed: the exact areas and lengths; of a mesh file, its own.
 
-    Returns:
-        `regions`: area in m^2 by name; `boundaries`: `role` and `length` in m by name.
+    `regions`: area in m^2 by name; `boundaries`: `role` and `length` in m by name.
     """
-    return {
-        "regions": scene.exact_areas(),
-        "boundaries": _by_name(scene, {boundary.label: boundary.exact_length for boundary in boundaries(scene)}),
-    }
+    lengths = {boundary.label: boundary.exact_length for boundary in boundaries(scene)}
+    return {"regions": scene.exact_areas(), "boundaries": _by_name(scene, lengths)}
 
 
 def meshed(scene: Scene, mesh: RawMesh) -> dict[str, Any]:
@@ -32,17 +27,12 @@ def meshed(scene: Scene, mesh: RawMesh) -> dict[str, Any]:
     a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     areas = 0.5 * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
     first = FLUID if scene.fluid is not None else FLUID + 1
+    numbered = enumerate(scene.exact_areas(), start=first)
+    regions = {name: float(areas[mesh.region == number].sum()) for number, name in numbered}
     ends = mesh.vertices[mesh.edges]
     lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
-    return {
-        "regions": {
-            name: float(areas[mesh.region == number].sum())
-            for number, name in enumerate(scene.exact_areas(), start=first)
-        },
-        "boundaries": _by_name(
-            scene, {label: float(lengths[mesh.label == label].sum()) for label in np.unique(mesh.label).tolist()}
-        ),
-    }
+    by_label = {label: float(lengths[mesh.label == label].sum()) for label in np.unique(mesh.label).tolist()}
+    return {"regions": regions, "boundaries": _by_name(scene, by_label)}
 
 
 def _by_name(scene: Scene, lengths: Mapping[int, float]) -> dict[str, dict[str, Any]]:

@@ -5,17 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ffsi.files.arrays import Floats, Ints
+from ffsi.files.arrays import Floats, Ints, RawMesh, RawState
 from ffsi.result.locating import Finder
-
-if TYPE_CHECKING:
-    from ffsi.files.arrays import RawMesh, RawState
-
 
 FLUID = 1  # region number of the fluid; the solids are 2, 3, ...
 _SPLIT = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]])  # a quadratic triangle as four linear ones
@@ -48,10 +43,7 @@ class Fields:
     def from_raw(cls, mesh: RawMesh, state: RawState, mixed_regions: Sequence[int] = ()) -> Fields:
         """Build the fields from the arrays that a FreeFEM script wrote.
 
-        Args:
-            mesh: the mesh.
-            state: the unknowns on it.
-            mixed_regions: regions of the mixed solids, in the order of the state's pressures.
+        `mixed_regions` are the regions of the mixed solids, in the order of the state's pressures.
 
         Raises:
             ValueError: the state has the pressures of another number of mixed solids.
@@ -90,10 +82,7 @@ class Fields:
         return cells[:, _SPLIT].reshape(-1, 3)
 
     def sample(self, points: ArrayLike) -> dict[str, Floats]:
-        """Evaluate the fields at points of the reference configuration (P2 displacement and velocity, P1 pressure).
-
-        Args:
-            points: (m, 2) reference coordinates, metres.
+        """Evaluate the fields (P2 displacement and velocity, P1 pressure) at (m, 2) reference coordinates, metres.
 
         Returns:
             `region`, `ux`, `uy` (m), `vx`, `vy` (m/s), `p` (Pa), each (m,); NaN outside of the mesh, and `p` also
@@ -110,12 +99,8 @@ class Fields:
         outside = cell < 0
         region = np.where(outside, np.nan, self.region[cell].astype(float))
         values = {"region": region}
-        for name, nodal in (
-            ("ux", self.displacement[:, 0]),
-            ("uy", self.displacement[:, 1]),
-            ("vx", self.velocity[:, 0]),
-            ("vy", self.velocity[:, 1]),
-            ("p", self.pressure),
+        for name, nodal in zip(
+            ("ux", "uy", "vx", "vy", "p"), (*self.displacement.T, *self.velocity.T, self.pressure), strict=True
         ):
             values[name] = np.where(outside, np.nan, np.einsum("ij,ij->i", nodal[nodes], shape))
         values["p"][region != FLUID] = np.nan

@@ -28,12 +28,7 @@ RESUMABLE = ("crash", STOPPED)
 
 
 def settled(scene: Scene, times: Sequence[float], values: Sequence[float]) -> Periodicity:
-    """Return whether a signal is periodic, long enough after the ramp of the inflow.
-
-    Args:
-        scene: what is computed.
-        times: s.
-        values: of the signal.
+    """Return whether a signal, values at times in s, is periodic, long enough after the ramp of the inflow.
 
     Raises:
         ValueError: a time or value is not finite.
@@ -72,19 +67,23 @@ def complete(data: dict[str, Any], scene: Scene, directory: Path) -> None:
         "reached": reached, "end": scene.time.end, "steps": len(history), **_periodicity(scene, directory, history),
         "last": last, "energy": energy_balance(history),
     }  # fmt: skip
-    ended = reached >= scene.time.end * (1.0 - 1e-9)
-    if wrong and not data["failure"]:
-        data["status"], data["failure"] = "failed", "check"
-        data["reason"] = f"{folder.TIME_HISTORY} cannot be believed: {wrong}"
-    if not data["failure"] and not ended and not _was_asked_to_stop(directory):
-        data["status"], data["failure"] = "failed", "check"
-        data["reason"] = (
-            f"{folder.TIME_HISTORY} ends at t = {reached:g} s although nothing has stopped the computation before "
-            f"{scene.time.end:g} s: rows are missing, the disk was full for a while or does not work"
+    ended, failure, reason = reached >= scene.time.end * (1.0 - 1e-9), "", ""
+    if data["failure"]:
+        pass  # that is known already
+    elif wrong:
+        failure, reason = "check", f"{folder.TIME_HISTORY} cannot be believed: {wrong}"
+    elif not ended and not _was_asked_to_stop(directory):
+        failure, reason = (
+            "check",
+            (
+                f"{folder.TIME_HISTORY} ends at t = {reached:g} s although nothing has stopped the computation before "
+                f"{scene.time.end:g} s: rows are missing, the disk was full for a while or does not work"
+            ),
         )
-    if not data["failure"] and not ended and not (data["time"]["periodic"] and scene.time.stop == "periodic"):
-        data["status"], data["failure"] = "failed", STOPPED
-        data["reason"] = f"stopped at t = {reached:g} s of {scene.time.end:g} s"
+    elif not ended and not (data["time"]["periodic"] and scene.time.stop == "periodic"):
+        failure, reason = STOPPED, f"stopped at t = {reached:g} s of {scene.time.end:g} s"
+    if failure:
+        data |= {"status": "failed", "failure": failure, "reason": reason}
     data.setdefault("warnings", []).extend(resolution.of_history(scene, history, data["time"]["energy"]))
 
 
@@ -112,10 +111,9 @@ def energy_balance(history: pd.DataFrame) -> dict[str, float]:
     counts as work (docs/formats.md). `imbalance` is (kinetic + elastic + dissipated - work) / largest |work|,
     dimensionless: the error of the steps in time, and of a flow's mesh.
     """
-    parts = ("kinetic", "elastic", "dissipated", "work")
-    if history.empty or not set(parts) <= set(history):
+    if history.empty or not set(oscillation.ENERGIES) <= set(history):
         return {}
-    last = {name: float(history[name].iloc[-1]) for name in parts}
+    last = {name: float(history[name].iloc[-1]) for name in oscillation.ENERGIES}
     scale = float(history["work"].abs().max(skipna=False))
     left = last["kinetic"] + last["elastic"] + last["dissipated"] - last["work"]
     return {**last, "imbalance": left / scale if scale != 0 else 0.0}
@@ -134,12 +132,12 @@ def last_period(history: pd.DataFrame) -> Oscillation | None:
 
 
 def _quantities(history: pd.DataFrame, notes: Notes) -> dict[str, Any]:
-    if history.empty:
-        return {}
     found: dict[str, Any] = {}
-    motion = attempt(notes, "mean, amplitude and frequency", lambda: oscillation.quantities_of_history(history))
-    for name, parts in (motion or {}).items():
-        found[name] = {part: value if math.isfinite(value) else None for part, value in parts.items()}
+    if history.empty:
+        return found
+    motion = attempt(notes, "mean, amplitude and frequency", lambda: oscillation.oscillations(history))
+    for name, of in (motion or {}).items():
+        found[name] = {part: value if math.isfinite(value) else None for part, value in of.as_dict().items()}
     if "min_jacobian" in history:
         found["min_jacobian"] = float(history["min_jacobian"].min(skipna=False))
     return found

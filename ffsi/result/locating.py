@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 import numpy as np
+import shapely
 
 from ffsi.files.arrays import Floats, Ints
 
 _TOLERANCE = 1e-8  # in barycentric coordinates: how far outside of a triangle still counts as on its edge
-_AT_A_TIME = 2_000_000  # pairs of a point and a triangle
+_AT_A_TIME = 100_000  # points
 
 
 class Finder:
-    """Finds triangles by a grid with about as many cells as triangles; each cell knows those whose boxes touch it."""
+    """Finds triangles by a tree of their boxes."""
 
     def __init__(self, corners: Floats) -> None:
-        """Sort triangles into the grid.
-
-        Args:
-            corners: (n, 3, 2) coordinates, in any unit.
+        """Make the tree of triangles with the corners (n, 3, 2), in any unit.
 
         Raises:
             ValueError: a coordinate is not finite.
@@ -26,28 +24,8 @@ class Finder:
             raise ValueError("a node of the mesh has a coordinate that is not finite")
         self._corners = corners
         low, high = corners.min(axis=1), corners.max(axis=1)
-        self._low = low.min(axis=0) if len(low) else np.zeros(2)
-        size = high.max(axis=0) - self._low if len(high) else np.zeros(2)
-        self._low = self._low - _TOLERANCE * size
-        size = (1 + 2 * _TOLERANCE) * size
-        ratio = size[0] / size[1] if size.all() else 1.0
-        count = np.sqrt(len(corners) * np.array([ratio, 1 / ratio]))
-        self._count = np.clip(count, 1, max(len(corners), 1)).astype(np.int64)
-        self._step = np.where(size > 0, size / self._count, 1.0)
-        margin = _TOLERANCE * (high - low)
-        first, last = self._place(low - margin), self._place(high + margin)
-        wide, tall = (last - first + 1).T
-        triangle, k = _expand(wide * tall)
-        cell = self._number(first[triangle] + np.column_stack([k % wide[triangle], k // wide[triangle]]))
-        self._triangles = triangle[np.argsort(cell, kind="stable")]
-        self._starts = np.searchsorted(np.sort(cell), np.arange(self._count.prod() + 1))
-
-    def _place(self, at: Floats) -> Ints:
-        """Return column and row (m, 2) of points, of those outside the nearest ones."""
-        return np.clip((at - self._low) / self._step, 0, self._count - 1).astype(np.int64)
-
-    def _number(self, place: Ints) -> Ints:
-        return np.asarray(place[:, 0] + self._count[0] * place[:, 1])
+        margin = 4 * _TOLERANCE * (high - low)
+        self._boxes = shapely.STRtree(shapely.box(*(low - margin).T, *(high + margin).T))
 
     def find(self, at: Floats) -> tuple[Ints, Floats]:
         """Return the triangle of each point (m,), -1 outside of all, and barycentric coordinates in it, (m, 3).
@@ -59,16 +37,12 @@ class Finder:
         """
         found, barycentric = np.full(len(at), -1, dtype=np.int64), np.zeros((len(at), 3))
         inside = np.flatnonzero(np.isfinite(at).all(axis=1))
-        cell = self._number(self._place(at[inside]))
-        counts = self._starts[cell + 1] - self._starts[cell]
-        parts = np.cumsum(counts) // _AT_A_TIME
-        for part in np.unique(parts):
-            points, start, count = inside[parts == part], self._starts[cell[parts == part]], counts[parts == part]
-            point, k = _expand(count)
-            triangle = self._triangles[start[point] + k]
+        for first in range(0, len(inside), _AT_A_TIME):
+            points = inside[first : first + _AT_A_TIME]
+            point, triangle = self._boxes.query(shapely.points(at[points]))
             coordinates = self._barycentric(at[points[point]], triangle)
             depth = coordinates.min(axis=1)
-            order = np.lexsort((-depth, point))
+            order = np.lexsort((triangle, -depth, point))
             best = order[np.unique(point[order], return_index=True)[1]]
             best = best[depth[best] >= -_TOLERANCE]
             found[points[point[best]]], barycentric[points[point[best]]] = triangle[best], coordinates[best]
@@ -84,9 +58,3 @@ class Finder:
         coordinates = np.stack([1 - l1 - l2, l1, l2], axis=1)
         coordinates[~np.isfinite(coordinates).all(axis=1)] = -np.inf  # without an area nothing is inside
         return coordinates
-
-
-def _expand(counts: Ints) -> tuple[Ints, Ints]:
-    """Return i and k of all pairs with k < counts[i]."""
-    i = np.repeat(np.arange(len(counts)), counts)
-    return i, np.arange(len(i)) - np.repeat(np.cumsum(counts) - counts, counts)

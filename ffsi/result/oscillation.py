@@ -1,4 +1,4 @@
-"""What a computation in time comes to: mean, amplitude and frequency of a periodic motion; limits of a refinement.
+"""What a computation in time comes to: mean, amplitude and frequency of a periodic motion.
 
 The rule is that of the benchmarks: over the last full period of a reference signal (the tip's u_y, or the lift) the
 mean is (max + min)/2 and the amplitude (max - min)/2. A period runs from one crossing of the mean upwards to the next.
@@ -11,26 +11,23 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from ffsi.files.arrays import Floats
-
-if TYPE_CHECKING:
-    import pandas as pd
-
 
 BLOCK = 2
 """Periods of one of the two blocks that `periodic` compares."""
 
 REFERENCES = ("tip_uy", "lift", "drag")
 """Signals whose last full period may count, by `reference_column`."""
-_ENERGIES = ("kinetic", "elastic", "dissipated", "work")
-_NO_QUANTITIES = frozenset({"time", "step", "iterations", "factorized", "min_jacobian", "seconds", *_ENERGIES})
+ENERGIES = ("kinetic", "elastic", "dissipated", "work")
+_NO_QUANTITIES = frozenset({"time", "step", "iterations", "factorized", "min_jacobian", "seconds", *ENERGIES})
+# The largest change between two blocks that is periodic, of the amplitude and of the mean, relative to the amplitude.
+_ACCEPTED = 0.02
 
 # A crossing of the mean counts if the signal was this part of its amplitude below and is now as much above.
 _THRESHOLD = 0.5
@@ -42,22 +39,16 @@ _HARMONICS = 20
 # Periods that differ by more than this part of their standard deviation do not repeat.
 _DIFFERENT = 0.5
 _PHASES = 129
-_SAME = 1e-9  # of times
 # Parts of the whole, at its end, in which periods are looked for.
 _PARTS = tuple(2.0 ** (power / 2) for power in range(-10, 1))
 
 
 @dataclass(frozen=True)
 class Oscillation:
-    """The last full period of a signal.
+    """The last full period of a signal, from `start` to `end` (s).
 
-    Attributes:
-        mean: (max + min)/2, in the signal's unit; NaN if there is no period.
-        amplitude: (max - min)/2, in the signal's unit; NaN if there is no period.
-        frequency: of the signal, Hz; NaN if there is no period, or the signal is constant.
-        start: where the period starts, s.
-        end: where it ends, s.
-        reason: why values are NaN; empty if none is.
+    `mean` is (max + min)/2 and `amplitude` (max - min)/2 in the signal's unit, `frequency` in Hz; they are NaN without
+    a period, the frequency also of a constant signal. `reason` says why; it is empty if none is NaN.
     """
 
     mean: float
@@ -66,21 +57,6 @@ class Oscillation:
     start: float = math.nan
     end: float = math.nan
     reason: str = ""
-
-    @property
-    def lowest(self) -> float:
-        """Smallest value, in the signal's unit."""
-        return self.mean - self.amplitude
-
-    @property
-    def highest(self) -> float:
-        """Largest value, in the signal's unit."""
-        return self.mean + self.amplitude
-
-    @property
-    def peak_to_peak(self) -> float:
-        """Largest minus smallest value, in the signal's unit."""
-        return 2.0 * self.amplitude
 
     def as_dict(self) -> dict[str, float]:
         """Return mean, amplitude (both in the signal's unit) and frequency (Hz) by name."""
@@ -91,12 +67,8 @@ class Oscillation:
 class Periodicity:
     """Whether a motion is periodic; true or false as a condition.
 
-    Attributes:
-        periodic: whether both changes are small enough.
-        amplitude_change: change of the amplitude from one block of periods to the next, relative to the later one,
-            dimensionless; NaN with too few periods.
-        mean_change: change of the mean, relative to the later amplitude, dimensionless; NaN with too few periods.
-        reason: why it is not periodic; empty if it is.
+    The changes of amplitude and mean are those from one block of periods to the next, relative to the later amplitude;
+    NaN with too few periods. `reason` says why it is not periodic; it is empty if it is.
     """
 
     periodic: bool
@@ -107,26 +79,6 @@ class Periodicity:
     def __bool__(self) -> bool:
         """Return whether the motion is periodic."""
         return self.periodic
-
-
-@dataclass(frozen=True)
-class Extrapolation:
-    """The limit of a refinement.
-
-    Attributes:
-        value: what the values tend to, in their unit; NaN if they do not.
-        order: exponent p of the error C h^p, dimensionless; NaN if there is none.
-        error: of the value on the finest mesh (or step), value minus limit, in their unit; NaN likewise.
-        reason: why values are NaN; empty if none is.
-    """
-
-    value: float
-    order: float
-    error: float
-    reason: str = ""
-
-
-# Periods ----------------------------------------------------------------------------------------------------------
 
 
 def mean_amplitude_frequency(t: ArrayLike, y: ArrayLike, reference: ArrayLike | None = None) -> Oscillation:
@@ -164,35 +116,10 @@ def mean_amplitude_frequency(t: ArrayLike, y: ArrayLike, reference: ArrayLike | 
     return replace(found, frequency=_strongest(times, values, start, end) / (end - start))
 
 
-def extrema(t: ArrayLike, y: ArrayLike, reference: ArrayLike | None = None) -> tuple[float, float]:
-    """Return the smallest and the largest value over the last full period, in the signal's unit.
-
-    Args:
-        t: times, s, increasing.
-        y: values of the signal.
-        reference: values of the signal whose last full period is taken; None: `y` itself.
-
-    Returns:
-        Minimum and maximum; NaN without a full period.
-
-    Raises:
-        ValueError: as `mean_amplitude_frequency`.
-    """
-    found = mean_amplitude_frequency(t, y, reference)
-    return found.lowest, found.highest
-
-
-def periodic(t: ArrayLike, y: ArrayLike, tolerance: float = 0.02, mean_tolerance: float = 0.02) -> Periodicity:
+def periodic(t: ArrayLike, y: ArrayLike) -> Periodicity:
     """Return whether a motion has become periodic: two successive blocks of two periods each agree.
 
-    Args:
-        t: times, s, increasing.
-        y: values of the signal.
-        tolerance: largest accepted change of the amplitude between the blocks, relative, dimensionless.
-        mean_tolerance: largest accepted change of the mean, relative to the amplitude, dimensionless.
-
-    Raises:
-        ValueError: as `mean_amplitude_frequency`.
+    Arguments and errors as `mean_amplitude_frequency`.
     """
     times, values = _signal(t, y)
     crossings = _crossings(times, values, 2 * BLOCK + 1)
@@ -205,9 +132,9 @@ def periodic(t: ArrayLike, y: ArrayLike, tolerance: float = 0.02, mean_tolerance
     before, after = ((high - low) / 2 for low, high in blocks)
     amplitude = abs(after - before) / after
     mean = abs(sum(blocks[1]) - sum(blocks[0])) / 2 / after
-    for name, change, accepted in (("amplitude", amplitude, tolerance), ("mean", mean, mean_tolerance)):
-        if not change < accepted:
-            text = f"the {name} changes by {100 * change:.2g} % of the amplitude, accepted: {100 * accepted:.2g} %"
+    for name, change in (("amplitude", amplitude), ("mean", mean)):
+        if not change < _ACCEPTED:
+            text = f"the {name} changes by {100 * change:.2g} % of the amplitude, accepted: {100 * _ACCEPTED:.2g} %"
             return Periodicity(False, amplitude, mean, text)
     return Periodicity(True, amplitude, mean)
 
@@ -215,17 +142,8 @@ def periodic(t: ArrayLike, y: ArrayLike, tolerance: float = 0.02, mean_tolerance
 def blocks(t: ArrayLike, y: ArrayLike) -> list[Oscillation]:
     """Return the successive blocks of two periods, the last one ending at the last crossing of the mean.
 
-    The first one begins where the amplitude has come to at least half of the final one.
-
-    Args:
-        t: times, s, increasing.
-        y: values of the signal.
-
-    Returns:
-        Mean, amplitude and frequency of each block, and where it starts and ends; none with too few periods.
-
-    Raises:
-        ValueError: as `mean_amplitude_frequency`.
+    The first one begins where the amplitude has come to at least half of the final one; with too few periods there is
+    none. Arguments and errors as `mean_amplitude_frequency`.
     """
     times, values = _signal(t, y)
     crossings = _crossings(times, values, len(times))
@@ -237,40 +155,23 @@ def blocks(t: ArrayLike, y: ArrayLike) -> list[Oscillation]:
     return found
 
 
-def quantities_of_history(history: pd.DataFrame, reference: str | None = None) -> dict[str, dict[str, float]]:
-    """Return mean, amplitude and frequency of every quantity of a computation in time.
+def oscillations(history: pd.DataFrame) -> dict[str, Oscillation]:
+    """Return the last full period, that of `reference_column` (without it each one's own), of every quantity by name.
 
     Args:
         history: one row per time step: the column `time` (s) and one for each quantity (SI); columns on the
             computation itself (`step`, `iterations`, ...) are left out.
-        reference: the column whose last full period is taken; None: that of `reference_column`, without it each
-            quantity's own.
-
-    Returns:
-        By quantity `mean` and `amplitude` in its SI unit and `frequency` in Hz; NaN without a full period.
 
     Raises:
-        KeyError: the history has no column `time` or no column `reference`.
-        ValueError: as `mean_amplitude_frequency`; also if the times do not follow from the lengths of the steps in the
-            column `step` (s): rows are missing.
+        KeyError: the history has no column `time`.
+        ValueError: as `mean_amplitude_frequency`.
     """
-    return {name: found.as_dict() for name, found in oscillations(history, reference).items()}
-
-
-def oscillations(history: pd.DataFrame, reference: str | None = None) -> dict[str, Oscillation]:
-    """Return the last full period of every quantity; arguments and errors as `quantities_of_history`."""
-    t = history["time"].to_numpy(dtype=np.float64)
-    if "step" in history:
-        _refuse_missing_steps(t, history["step"].to_numpy(dtype=np.float64))
-    if reference is None:
-        reference = reference_column(history)
-    other = None if reference is None else history[reference].to_numpy(dtype=np.float64)
-    found = {}
-    for name in map(str, history.columns):
-        if name not in _NO_QUANTITIES:
-            y = history[name].to_numpy(dtype=np.float64)
-            found[name] = mean_amplitude_frequency(t, y, None if name == reference else other)
-    return found
+    t, reference = history["time"], reference_column(history)
+    return {
+        name: mean_amplitude_frequency(t, history[name], None if reference in (None, name) else history[reference])
+        for name in map(str, history.columns)
+        if name not in _NO_QUANTITIES
+    }
 
 
 def reference_column(history: pd.DataFrame) -> str | None:
@@ -288,61 +189,6 @@ def reference_column(history: pd.DataFrame) -> str | None:
     return lift
 
 
-def strouhal(frequency: float, length: float, speed: float) -> float:
-    """Return f L/U, dimensionless, of a frequency in Hz, a length in m and a mean velocity in m/s."""
-    return frequency * length / speed
-
-
-# Refinement -------------------------------------------------------------------------------------------------------
-
-
-def richardson(h: Sequence[float], values: Sequence[float], order: float | None = None) -> Extrapolation:
-    """Return the limit of values on ever finer meshes (or with ever smaller steps), whose error is C h^p.
-
-    Args:
-        h: mesh widths or time steps, in any unit and order, all different.
-        values: value for each of them.
-        order: exponent p, dimensionless; None: estimated from the three finest.
-
-    Returns:
-        The limit; NaN with the reason if the values do not tend to one.
-
-    Raises:
-        ValueError: there are fewer than two values (three without an order), or widths that are not different and
-            positive.
-    """
-    needed = 3 if order is None else 2
-    if len(h) != len(values) or len(h) < needed:
-        raise ValueError(f"{needed} widths or more are needed and as many values, not {len(h)} and {len(values)}")
-    if not all(0.0 < width < math.inf for width in h) or len(set(h)) < len(h):
-        raise ValueError("the widths must be different, positive and finite")
-    pairs = sorted(zip(map(float, h), map(float, values), strict=True))[:needed]
-    (fine, f), (middle, m) = pairs[:2]
-    if order is None:
-        coarse, c = pairs[2]
-        order = 1.0 if c == m == f else _order(fine, middle, coarse, (c - m) / (m - f) if m != f else math.inf)
-    if not order > 0.0 or not math.isfinite(order):
-        return Extrapolation(math.nan, math.nan, math.nan, "the differences of the values do not fall by a power of h")
-    error = (m - f) / ((middle / fine) ** order - 1.0)
-    return Extrapolation(f - error, order, error)
-
-
-def _order(fine: float, middle: float, coarse: float, quotient: float) -> float:
-    """Return p with (coarse^p - middle^p)/(middle^p - fine^p) = quotient; NaN if none is between 0 and 60."""
-
-    def misses(p: float) -> float:
-        large, small = math.log(coarse / middle), math.log(fine / middle)
-        return math.expm1(p * large) / -math.expm1(p * small) - quotient  # grows with p
-
-    low, high = 1e-9, min(60.0, 600.0 / math.log(coarse / fine))
-    if not math.isfinite(quotient) or misses(low) >= 0.0 or misses(high) <= 0.0:
-        return math.nan
-    for _ in range(80):
-        p = (low + high) / 2
-        low, high = (p, high) if misses(p) < 0.0 else (low, p)
-    return (low + high) / 2
-
-
 # Crossings and extrema --------------------------------------------------------------------------------------------
 
 
@@ -355,17 +201,6 @@ def _signal(t: ArrayLike, y: ArrayLike) -> tuple[Floats, Floats]:
     if (np.diff(times) <= 0.0).any():
         raise ValueError("the times do not increase")
     return times, values
-
-
-def _refuse_missing_steps(t: Floats, steps: Floats) -> None:
-    """Raise ValueError where the time does not grow by the length of the step."""
-    wrong = np.flatnonzero(~(np.abs(np.diff(t) - steps[1:]) <= _SAME * (steps[1:] + np.abs(t[1:]))))
-    if len(wrong):
-        first = int(wrong[0])
-        raise ValueError(
-            f"a step of {steps[first + 1]:g} s leads from t = {t[first]:.10g} to {t[first + 1]:.10g} s: rows are "
-            "missing"
-        )
 
 
 def _gap(t: Floats, start: float, end: float, period: float) -> str:
@@ -462,12 +297,7 @@ def _crossing(t: Floats, y: Floats, place: int, level: float, period: float) -> 
 def _extrema(t: Floats, y: Floats, start: float, end: float, own: float | None = None) -> tuple[float, float]:
     """Return the smallest and the largest value of y from start to end, between the points, too.
 
-    Args:
-        t: times, s.
-        y: values.
-        start: s.
-        end: s.
-        own: period of y in s; None: that of its strongest harmonic.
+    `own` is the period of y in s; None: that of its strongest harmonic.
     """
     inside = np.flatnonzero((t >= start) & (t <= end))
     if not len(inside):

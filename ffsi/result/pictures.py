@@ -51,13 +51,7 @@ def available(fields: Fields) -> list[str]:
 
 
 def draw(name: str, fields: Fields, title: str = "", scale: Scale | None = None) -> Figure:
-    """Draw `velocity`, `pressure` or `displacement` on the deformed mesh.
-
-    Args:
-        name: of the picture.
-        fields: what to draw.
-        title: heading.
-        scale: range and window, for pictures to be compared; None: those of these fields.
+    """Draw `velocity`, `pressure` or `displacement` on the deformed mesh; with a scale to compare several.
 
     Raises:
         ValueError: these fields have no such picture, or a value in it is no number.
@@ -72,18 +66,14 @@ def common_scale(name: str, states: Iterable[Fields]) -> Scale:
     Raises:
         ValueError: there is no state, or no such picture of one, or a value in it is no number.
     """
-    lows, highs, lower, upper = [], [], [], []
+    found = []
     for fields in states:
         _refuse(name, fields)
-        low, high = _range(name, fields)
-        start, end = _window(name, fields)
-        lows.append(low)
-        highs.append(high)
-        lower.append(start)
-        upper.append(end)
-    if not lows:
+        found.append((*_range(name, fields), *_window(name, fields)))
+    if not found:
         raise ValueError("no state to draw")
-    return Scale(min(lows), max(highs), (np.min(lower, axis=0), np.max(upper, axis=0)))
+    low, high, lower, upper = zip(*found, strict=True)
+    return Scale(min(low), max(high), (np.min(lower, axis=0), np.max(upper, axis=0)))
 
 
 def _refuse(name: str, fields: Fields) -> None:
@@ -179,15 +169,13 @@ def displacement(fields: Fields, title: str = "", scale: Scale | None = None) ->
     top = (scale.high if scale else _range("displacement", fields)[1]) or 1.0
     colours = axes.tripcolor(triangulation, size, shading="gouraud", cmap="YlGnBu", vmin=0, vmax=top, rasterized=True)
     width = float(np.clip(20.0 / np.sqrt(len(fields.cells)), 0.15, 0.5))
-    axes.add_collection(LineCollection(_mesh_lines(fields, ~solid), colors=INK, linewidths=width, alpha=0.35))
-    axes.add_collection(LineCollection(_mesh_lines(fields, solid), colors=INK, linewidths=width, alpha=0.6))
+    _lines(axes, _mesh_lines(fields, ~solid), width, alpha=0.35)
+    _lines(axes, _mesh_lines(fields, solid), width, alpha=0.6)
     for region in _solid_regions(fields):
         before = [fields.points[loop] for loop in _loops(_outer_edges(fields, fields.region == region))]
-        axes.add_collection(LineCollection(before, colors=DASHED, linewidths=1.1, linestyles="dashed", zorder=6))
-        axes.add_collection(
-            LineCollection(outline(fields, fields.region == region), colors=INK, linewidths=1.4, zorder=5)
-        )
-    axes.add_collection(LineCollection(outline(fields, np.full(len(solid), True)), colors=INK, linewidths=0.9))
+        _lines(axes, before, 1.1, DASHED, linestyles="dashed", zorder=6)
+        _lines(axes, outline(fields, fields.region == region), 1.4, zorder=5)
+    _lines(axes, outline(fields, np.full(len(solid), True)), 0.9)
     colour_bar(figure, axes, colours, "displacement magnitude (m)")
     return figure
 
@@ -208,11 +196,9 @@ def canvas(title: str, window: tuple[Floats, Floats]) -> tuple[Figure, Axes]:
     length, height = np.maximum(high - low, _THIN * longer or 1.0).tolist()
     margin = 0.012 * max(length, height)
     ratio = height / length
-    size = (
-        (WIDTH, 1.75 + 0.9 * WIDTH * ratio)
-        if length > _LONG * height
-        else (3.0 + min(8.0, 5.5 / ratio), 1.0 + min(8.0 * ratio, 5.5))
-    )
+    size = (3.0 + min(8.0, 5.5 / ratio), 1.0 + min(8.0 * ratio, 5.5))
+    if length > _LONG * height:
+        size = WIDTH, 1.75 + 0.9 * WIDTH * ratio
     figure = Figure(figsize=size, layout="constrained", facecolor="white")
     axes = figure.add_subplot()
     axes.set_aspect("equal")
@@ -259,24 +245,21 @@ def _arrows(axes: Axes, fields: Fields, longest: float | None) -> None:
     x, y = fields.deformed[np.unique(fields.cells[fields.region == FLUID])].T
     length, height = float(np.ptp(x)), float(np.ptp(y))
     step = max(max(length, height) / _ALONG, np.sqrt(length * height / (_ROW_GAP * _ARROWS)))
-    grid_x, grid_y = np.meshgrid(
-        _centred(float(x.min()), float(x.max()), step),
-        _centred(float(y.min()), float(y.max()), _ROW_GAP * step),
-        indexing="xy",
+    grid = np.meshgrid(
+        _centred(float(x.min()), float(x.max()), step), _centred(float(y.min()), float(y.max()), _ROW_GAP * step)
     )
-    found = replace(fields, points=fields.deformed).sample(np.column_stack([grid_x.ravel(), grid_y.ravel()]))
+    at = np.reshape(grid, (2, -1))
+    found = replace(fields, points=fields.deformed).sample(at.T)
     wet = found["region"] == FLUID
-    grid_x, grid_y, along, across = (
-        values[wet] for values in (grid_x.ravel(), grid_y.ravel(), found["vx"], found["vy"])
-    )
-    speed = np.hypot(along, across)
+    at, arrows = at[:, wet], np.array([found["vx"][wet], found["vy"][wet]])
+    speed = np.hypot(*arrows)
     top = speed.max(initial=0.0) if longest is None else longest
     keep = speed > 0.02 * top
     if top == 0 or not keep.any():
         return
     shorten = 0.95 * step / top * np.sqrt(top / speed[keep])  # length ~ sqrt(speed), so that slow regions stay readable
     axes.quiver(
-        *(grid_x[keep], grid_y[keep], along[keep] * shorten, across[keep] * shorten),
+        *at[:, keep], *(arrows[:, keep] * shorten),
         angles="xy", scale_units="xy", scale=1.0, units="inches", width=0.015, headwidth=4.5, headlength=5,
         headaxislength=4.5, minlength=0.5, pivot="middle", facecolor=INK, edgecolor="white", linewidth=0.3, zorder=3,
     )  # fmt: skip
@@ -312,20 +295,18 @@ def _is_round(value: float) -> bool:
     return bool(np.isclose(leading, [1, 2, 2.5, 5]).any())
 
 
+def _lines(axes: Axes, lines: list[Floats], width: float, colour: str = INK, **style: Any) -> None:
+    axes.add_collection(LineCollection(lines, colors=colour, linewidths=width, **style))
+
+
 def _solids(axes: Axes, fields: Fields) -> None:
-    deformed = fields.deformed
     for i, region in enumerate(_solid_regions(fields)):
         selected = fields.region == region
         colour = SOLID_COLOURS[i % len(SOLID_COLOURS)]
-        triangles = deformed[fields.linear_triangles(selected)]
-        axes.add_collection(
-            PolyCollection(list(triangles), facecolors=colour, edgecolors=colour, linewidths=0.3, zorder=4)
-        )
-        axes.add_collection(
-            LineCollection(outline(fields, selected), colors=INK, linewidths=1.3, zorder=5, capstyle="round")
-        )
-    fluid = outline(fields, fields.region == FLUID)
-    axes.add_collection(LineCollection(fluid, colors=INK, linewidths=0.9, zorder=5, capstyle="round"))
+        triangles = list(fields.deformed[fields.linear_triangles(selected)])
+        axes.add_collection(PolyCollection(triangles, facecolors=colour, edgecolors=colour, linewidths=0.3, zorder=4))
+        _lines(axes, outline(fields, selected), 1.3, zorder=5, capstyle="round")
+    _lines(axes, outline(fields, fields.region == FLUID), 0.9, zorder=5, capstyle="round")
 
 
 def _solid_regions(fields: Fields) -> list[int]:
@@ -339,9 +320,15 @@ def outline(fields: Fields, selected: NDArray[np.bool_]) -> list[Floats]:
 
 def _outer_edges(fields: Fields, selected: NDArray[np.bool_]) -> Ints:
     """Return the nodes (n, 3) of the edges that belong to one selected triangle only: start, middle, end."""
+    edges, count = _edges(fields, selected)
+    return np.asarray(edges[count == 1])
+
+
+def _edges(fields: Fields, selected: NDArray[np.bool_]) -> tuple[Ints, Ints]:
+    """Return the nodes (n, 3) of every edge of the selected triangles, and how many of them have it."""
     nodes = fields.cells[selected][:, _EDGES].reshape(-1, 3)
     _, first, count = np.unique(nodes[:, 1], return_index=True, return_counts=True)
-    return np.asarray(nodes[first[count == 1]])
+    return np.asarray(nodes[first]), count
 
 
 def _loops(edges: Ints) -> list[list[int]]:
@@ -362,6 +349,4 @@ def _loops(edges: Ints) -> list[list[int]]:
 
 
 def _mesh_lines(fields: Fields, selected: NDArray[np.bool_]) -> list[Floats]:
-    nodes = fields.cells[selected][:, _EDGES].reshape(-1, 3)
-    _, first = np.unique(nodes[:, 1], return_index=True)
-    return list(fields.deformed[nodes[first]])
+    return list(fields.deformed[_edges(fields, selected)[0]])

@@ -39,20 +39,10 @@ def _table() -> dict[str, dict[str, Reference]]:
     table: dict[str, dict[str, Reference]] = {}
     text = files("ffsi").joinpath("data/turek_hron.csv").read_text(encoding="utf-8")
     for row in csv.DictReader(text.splitlines()):
-        reference = Reference(
-            quantity=row["quantity"],
-            mean=_number(row["mean"]),
-            amplitude=_number(row["amplitude"]),
-            frequency=_number(row["frequency"]),
-            unit=row["unit"],
-            source=row["source"],
-        )
+        mean, amplitude, frequency = (float(row[it]) if row[it] else None for it in ("mean", "amplitude", "frequency"))
+        reference = Reference(row["quantity"], mean, amplitude, frequency, row["unit"], row["source"])
         table.setdefault(row["case"], {})[reference.quantity] = reference
     return table
-
-
-def _number(text: str) -> float | None:
-    return float(text) if text else None
 
 
 def references(case: str) -> dict[str, Reference]:
@@ -62,10 +52,8 @@ def references(case: str) -> dict[str, Reference]:
 
 def references_for(scene: Scene) -> dict[str, Reference]:
     """Return the published values that `scene` can be compared with: none if a physical parameter was changed."""
-    found = references(scene.name)
-    if not found or scene.name not in CASES:
-        return {}
-    return found if _physical(scene) == _physical(load_scene(scene.name, [])) else {}
+    found = references(scene.name) if scene.name in CASES else {}
+    return found if found and _physical(scene) == _physical(load_scene(scene.name, [])) else {}
 
 
 def _physical(scene: Scene) -> dict[str, object]:

@@ -8,18 +8,14 @@ over the value, so the same estimate holds for any signal: its second difference
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
+import pandas as pd
 
 from ffsi.files.arrays import Floats
 from ffsi.result import oscillation
 from ffsi.scene import Scene
 from ffsi.scene.geometry import ChannelGeometry
-
-if TYPE_CHECKING:
-    import pandas as pd
-
 
 ACCEPTED = 0.02
 """Largest error that is not said, relative: of a period, and what is left of the energy balance."""
@@ -32,18 +28,11 @@ _SHEDDING, _STROUHAL = 47.0, 0.2  # Reynolds number from which on a cylinder she
 _NOISE = 1e-8  # part of the size, and of the forces that drive the scene, below which there is but noise of the steps
 
 
-def of_scene(scene: Scene) -> list[str]:
-    """Return the warnings that a scene deserves before it is solved."""
-    return _hydrostatic(scene)
-
-
 def of_history(scene: Scene, history: pd.DataFrame, energy: dict[str, float]) -> list[str]:
     """Return the warnings on the steps that a computation in time has taken.
 
-    Args:
-        scene: what was computed, with a table time.
-        history: one row per step, as `history.csv`; without rows the steps are those of the scene.
-        energy: its balance, J per metre depth, as `in_time.energy_balance` returns it.
+    The history has one row per step, as `history.csv`; without rows the steps are those of the scene. `energy` is its
+    balance, J per metre depth (`in_time.energy_balance`).
     """
     assert scene.time is not None
     if len(history):
@@ -56,10 +45,8 @@ def of_history(scene: Scene, history: pd.DataFrame, energy: dict[str, float]) ->
     return [text for text in found if text]
 
 
-# Gravity at the outlet --------------------------------------------------------------------------------------------
-
-
-def _hydrostatic(scene: Scene) -> list[str]:
+def of_scene(scene: Scene) -> list[str]:
+    """Return the warnings that a scene deserves before it is solved: gravity at the outlet."""
     if scene.outlet is None or scene.gravity is None or scene.outlet.hydrostatic is not None:
         return []
     assert isinstance(scene.geometry, ChannelGeometry) and scene.fluid is not None
@@ -93,9 +80,6 @@ def _vortices(scene: Scene, ends: Floats, steps: Floats) -> str:
         f"a vortex street, which has a period of about {period:.2g} s, would not be resolved "
         f"({period / step:.2g} steps): {_smaller(scene, step, error)}"
     )
-
-
-# Steps in time ----------------------------------------------------------------------------------------------------
 
 
 def _ramp(scene: Scene, ends: Floats, steps: Floats) -> str:

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import base64
 import html
-from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Self
 
 import meshio
 import numpy as np
@@ -16,7 +15,7 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from ffsi.files import folder, seals
-from ffsi.files.arrays import Floats
+from ffsi.files.arrays import Floats, RawMesh, read_mesh, read_state
 from ffsi.files.errors import InputError
 from ffsi.files.history import read_history
 from ffsi.files.json_types import refuse_other_types
@@ -26,19 +25,13 @@ from ffsi.result import vtu
 from ffsi.result.domain import meshed
 from ffsi.result.evaluation import Evaluations, Notes, words
 from ffsi.result.fields import FLUID, Fields
-from ffsi.result.quantities import flatten as flatten
-from ffsi.result.quantities import published_value as published_value
-from ffsi.result.quantities import unit as unit
+from ffsi.result.quantities import flatten, unit
 from ffsi.scene import Scene, load_scene, with_values
 
 if TYPE_CHECKING:
     from tempfile import TemporaryDirectory
 
     from matplotlib.figure import Figure
-
-    from ffsi.files.arrays import RawMesh
-
-R = TypeVar("R", bound="PlainResult")
 
 
 @dataclass(frozen=True)
@@ -68,10 +61,8 @@ class PlainResult:
             raise InputError(
                 f"{directory} is no run folder of ffsi" + ("" if directory.exists() else folder.missing(directory))
             )
-        name = folder.RESULT
-        if point is not None and not (
-            (directory / name).is_file() and point == 1 and not (directory / folder.CHAIN).is_file()
-        ):
+        name, chain = folder.RESULT, (directory / folder.CHAIN).is_file()
+        if point is not None and (chain or point != 1 or not (directory / name).is_file()):
             name = folder.numbered(folder.RESULT, point)
         data = folder.read_json(directory / name)
         refuse_other_types(directory / name, data)
@@ -96,8 +87,13 @@ class PlainResult:
             InputError: as `load`; also if there is no result yet.
         """
         if folder.is_sweep_folder(directory):
-            chains = sorted(path for path in directory.glob("chain-*") if folder.is_run_folder(path))
-            results = best(result for chain in chains for result in cls._points(chain, believe))
+            best: dict[tuple[object, ...], Self] = {}  # of a point that was solved several times
+            for chain in sorted(path for path in directory.glob("chain-*") if folder.is_run_folder(path)):
+                for result in cls._points(chain, believe):
+                    at = tuple((result.data.get("varied") or {}).values())
+                    if at not in best or result.rank > best[at].rank:
+                        best[at] = result
+            results = list(best.values())
         elif (directory / folder.CHAIN).is_file():
             results = cls._points(directory, believe)
         else:
@@ -256,8 +252,6 @@ class PlainResult:
 
     def read_fields(self, state: str) -> Fields:
         """Return the fields of a saved state, given the name of its file."""
-        from ffsi.files.arrays import read_state
-
         mixed = [region for region, solid in enumerate(self.scene.solid.values(), start=FLUID + 1) if solid.mixed]
         return Fields.from_raw(self.raw_mesh, read_state(self.directory / state, self.raw_mesh), mixed)
 
@@ -268,8 +262,6 @@ class PlainResult:
     @cached_property
     def raw_mesh(self) -> RawMesh:
         """The reference mesh as the script wrote it."""
-        from ffsi.files.arrays import read_mesh
-
         return read_mesh(self.directory / folder.MESH)
 
     @property
@@ -281,11 +273,8 @@ class PlainResult:
     def state_file(self) -> str | None:
         """Name of the file with this point's unknowns (of a failed point: its last converged state), or None."""
         name = self.data.get("state")
-        return (
-            str(name)
-            if name and (self.directory / name).is_file() and (self.directory / folder.MESH).is_file()
-            else None
-        )
+        there = name and (self.directory / name).is_file() and (self.directory / folder.MESH).is_file()
+        return str(name) if there else None
 
     @property
     def solved(self) -> bool:
@@ -313,18 +302,14 @@ class PlainResult:
         return vtu.to_meshio(self.fields, {name: value for each in of_state for name, value in each().items()})
 
     def sample(self, points: ArrayLike) -> pd.DataFrame:
-        """Evaluate the fields at reference points.
-
-        Args:
-            points: (m, 2) reference coordinates, metres.
+        """Evaluate the fields at reference points, (m, 2) coordinates in metres.
 
         Returns:
             One row per point: `x`, `y` (m), `region`, `ux`, `uy` (m), `vx`, `vy` (m/s), `p` (Pa); NaN outside of the
             mesh, and `p` is NaN inside a solid.
         """
         values = self.fields.sample(points)
-        table = pd.DataFrame(np.asarray(points, dtype=float), columns=["x", "y"], dtype=float)
-        return table.assign(**values)
+        return pd.DataFrame(np.asarray(points, dtype=float), columns=["x", "y"], dtype=float).assign(**values)
 
     def at(self, x: float, y: float) -> dict[str, float]:
         """Evaluate the fields at one reference point (metres); keys as in `sample`.
@@ -387,13 +372,3 @@ class PlainResult:
         except (ValueError, RuntimeError, OSError) as error:
             return f"<p>no picture: {html.escape(str(error))}</p>"
         return f'<img style="max-width:100%" alt="{name}" src="data:image/png;base64,{encoded}">'
-
-
-def best(results: Iterable[R]) -> list[R]:
-    """Return one result of every point that was solved several times: the best one, of equally good ones the first."""
-    found: dict[tuple[object, ...], R] = {}
-    for result in results:
-        at = tuple((result.data.get("varied") or {}).values())
-        if at not in found or result.rank > found[at].rank:
-            found[at] = result
-    return list(found.values())

@@ -18,38 +18,23 @@ OUTCOMES = {
 
 
 def time_line(data: Mapping[str, Any]) -> str:
-    """Return how far a computation in time came, and whether it is periodic or how much its last cycles differ.
-
-    Args:
-        data: the content of `result.json`.
-    """
+    """Return how far a computation in time came, and whether it is periodic or how much its last cycles differ."""
     in_time = data["time"]
     why_not = f" ({in_time['why_not']})" if in_time.get("why_not") else ""
     ending = "periodic" if in_time["periodic"] else f"not periodic{why_not}"
-    if differ := _last_cycles(data):
-        ending = f"periodic, {differ}" if in_time["periodic"] else differ
-    return f"t = {in_time['reached']:g} of {in_time['end']:g} s, {in_time['steps']} steps, {ending}{_energy(in_time)}"
-
-
-def _last_cycles(data: Mapping[str, Any]) -> str:
-    """Return how much the last cycle of the inflow differs from the one before; empty without two that follow."""
     last = (data.get("cycles") or [{}])[-1]
-    if last.get("tawss_change") is None:
-        return ""
-    return f"TAWSS of cycle {last['number']} differs by {last['tawss_change']:.1e} from the cycle before"
-
-
-def _energy(in_time: Mapping[str, Any]) -> str:
+    if last.get("tawss_change") is not None:
+        differ = f"TAWSS of cycle {last['number']} differs by {last['tawss_change']:.1e} from the cycle before"
+        ending = f"periodic, {differ}" if in_time["periodic"] else differ
     balance = in_time.get("energy") or {}
-    return f", energy balance within {abs(balance['imbalance']):.1e}" if balance else ""
+    energy = f", energy balance within {abs(balance['imbalance']):.1e}" if balance else ""
+    return f"t = {in_time['reached']:g} of {in_time['end']:g} s, {in_time['steps']} steps, {ending}{energy}"
 
 
 def tally(table: pd.DataFrame, planned: int = 0) -> tuple[str, bool]:
-    """Return how many points of a sweep's table are solved and checked, and what of the others; and whether all are.
+    """Return how many points of `sweep.csv` are solved and checked, and what of the others; and whether all are.
 
-    Args:
-        table: one row per point that has ended (`sweep.csv`).
-        planned: number of the sweep's points, if it is known.
+    `planned` is the number of the sweep's points, if it is known.
     """
     checked = table["checked"].eq(True) if "checked" in table else table["check_maximum"].notna()
     found: dict[str, int] = {}

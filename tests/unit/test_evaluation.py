@@ -99,14 +99,13 @@ def test_an_animation_that_fails_is_noted(tmp_path, capsys, in_time: FakeTimeFre
     assert load_result(tmp_path / "run").not_evaluated == [{"what": "velocity.gif", "why": "no film"}]
 
 
-def test_a_history_with_gaps_has_no_means() -> None:
+def test_a_history_that_does_not_go_on_has_no_means() -> None:
     notes: Notes = []
     time = 0.1 * np.arange(1, 40)
     history = pd.DataFrame({"time": time, "step": 0.1, "lift": np.sin(6 * time), "min_jacobian": 0.5})
     assert set(_quantities(history, notes)) == {"lift", "min_jacobian"} and notes == []
-    assert _quantities(history.drop(index=[30, 31]), notes) == {"min_jacobian": 0.5}
-    ((what, why),) = (note.values() for note in notes)
-    assert what == "mean, amplitude and frequency" and "rows are missing" in why
+    assert _quantities(history[::-1], notes) == {"min_jacobian": 0.5}
+    assert notes == [{"what": "mean, amplitude and frequency", "why": "the times do not increase"}]
 
 
 def test_a_notebook_shows_what_is_missing(tmp_path) -> None:

@@ -1,4 +1,4 @@
-"""Mean, amplitude and frequency of signals that are known exactly; limits of refinements."""
+"""Mean, amplitude and frequency of signals that are known exactly."""
 
 import math
 
@@ -7,17 +7,8 @@ import pandas as pd
 import pytest
 
 from ffsi.files.arrays import Floats
-from ffsi.result.oscillation import (
-    blocks,
-    extrema,
-    mean_amplitude_frequency,
-    oscillations,
-    periodic,
-    quantities_of_history,
-    reference_column,
-    richardson,
-    strouhal,
-)
+from ffsi.files.history import flaw
+from ffsi.result.oscillation import blocks, mean_amplitude_frequency, oscillations, periodic, reference_column
 
 F = 5.46  # Hz
 STEP = 0.005  # s, 37 steps in a period
@@ -67,7 +58,6 @@ def test_sine(step: float, tolerance: float) -> None:
     assert found.end - found.start == pytest.approx(1 / F, rel=1e-5)
     assert 1.5 - 1 / F < found.end <= 1.5
     assert not found.reason
-    assert (found.highest, found.lowest, found.peak_to_peak) == pytest.approx((35.86, -32.90, 68.76), rel=2e-3)
 
 
 def test_the_time_step_does_not_limit_the_amplitude() -> None:
@@ -121,7 +111,6 @@ def test_the_period_is_that_of_the_reference() -> None:
     assert found.mean == pytest.approx((exact.max() + exact.min()) / 2, rel=1e-5)
     assert found.frequency == pytest.approx(2 * F, rel=1e-6)
     assert mean_amplitude_frequency(t, y).amplitude < found.amplitude - 1e-3
-    assert extrema(t, y, reference) == pytest.approx((exact.min(), exact.max()), abs=1e-5)
 
 
 def test_a_drifting_start_does_not_count() -> None:
@@ -145,7 +134,6 @@ def test_short_signals(periods: float, reason: str) -> None:
     found = mean_amplitude_frequency(t, wave(t, 0, 1, phase=-2.0))
     assert all(math.isnan(value) for value in found.as_dict().values())
     assert found.reason == f"{reason}, 1 needed"
-    assert all(math.isnan(value) for value in extrema(t, wave(t, 0, 1, phase=-2.0)))
 
 
 def test_two_periods_are_enough() -> None:
@@ -210,7 +198,7 @@ def test_growth_is_not_periodic() -> None:
     assert not slow
     assert slow.amplitude_change == pytest.approx(1 - math.exp(-0.1 * 2 / F), rel=0.02)
     assert slow.reason == "the amplitude changes by 3.6 % of the amplitude, accepted: 2 %"
-    assert periodic(t, wave(t, 0, 1) * np.exp(0.1 * t), tolerance=0.04)
+    assert periodic(t, wave(t, 0, 1) * np.exp(0.05 * t))
     assert not periodic(t, wave(t, 0, 1) * np.exp(-0.1 * t))
 
 
@@ -220,7 +208,7 @@ def test_a_drifting_mean_is_not_periodic() -> None:
     assert not drifting
     assert drifting.mean_change == pytest.approx(0.1 * 2 / F, rel=0.1)
     assert drifting.reason.startswith("the mean changes by 3.")
-    assert periodic(t, wave(t, 0, 1) + 0.1 * t, mean_tolerance=0.1)
+    assert periodic(t, wave(t, 0, 1) + 0.04 * t)
 
 
 def test_too_few_periods_are_not_periodic() -> None:
@@ -249,34 +237,32 @@ def test_quantities_of_a_history() -> None:
         "tip_ux": (-2.69, 2.53, 2 * F),
         "tip_uy": (1.48, 34.38, F),
     }
-    found = quantities_of_history(history)
+    found = oscillations(history)
     assert list(found) == list(expected)
     for name, (mean, amplitude, frequency) in expected.items():
-        assert found[name] == pytest.approx(
+        assert found[name].as_dict() == pytest.approx(
             {"mean": mean, "amplitude": amplitude, "frequency": frequency}, rel=5e-4, abs=1e-4 * amplitude
         )
-    windows = {(item.start, item.end) for item in oscillations(history).values()}
-    assert len(windows) == 1
+    assert len({(item.start, item.end) for item in found.values()}) == 1
     assert reference_column(history) == "tip_uy"
 
 
 @pytest.mark.parametrize("dropped", [1, 700, 1195])
 def test_a_history_without_some_rows_is_refused(dropped: int) -> None:
-    history = fsi3(times(6.0))
+    history = fsi3(times(6.0))[1:]
+    assert flaw(history) == ""
     gap = history.drop(index=range(dropped, dropped + 3))
-    with pytest.raises(
-        ValueError, match=f"t = {STEP * (dropped - 1):.10g} to {STEP * (dropped + 3):.10g} s: rows are mis"
-    ):
-        quantities_of_history(gap)
-    assert quantities_of_history(history[dropped:]).keys() == quantities_of_history(history).keys()
+    assert flaw(gap) == f"step {dropped} does not begin where the one before ends"
 
 
 @pytest.mark.parametrize("column", ["tip_uy", "drag", "step", "time"])
 def test_a_history_with_what_is_no_number_is_refused(column: str) -> None:
-    history = fsi3(times(6.0))
+    history = fsi3(times(6.0))[1:]
     history.loc[1100, column] = math.nan
-    with pytest.raises(ValueError):
-        quantities_of_history(history)
+    assert flaw(history) == "step 1100 has a value that is not finite"
+    if column != "step":
+        with pytest.raises(ValueError, match="not finite"):
+            oscillations(history)
 
 
 def test_no_number_is_no_reason_to_take_the_drag() -> None:
@@ -314,19 +300,15 @@ def test_the_reference_column() -> None:
     assert reference_column(flow.assign(lift=1e-12 * flow["lift"])) == "drag"
     assert reference_column(flow[:0]) == "lift"
     assert reference_column(flow.assign(drag=0.0, lift=0.0)) == "lift"
-    assert quantities_of_history(flow)["drag"]["frequency"] == pytest.approx(2 * F, rel=1e-4)
+    assert oscillations(flow)["drag"].frequency == pytest.approx(2 * F, rel=1e-4)
     assert reference_column(flow[["time", "drag"]]) is None
-    assert quantities_of_history(flow[["time", "drag"]])["drag"]["amplitude"] == pytest.approx(22.66, rel=1e-3)
-    own = quantities_of_history(history, "tip_ux")
-    assert own["tip_ux"]["frequency"] == pytest.approx(2 * F, rel=1e-4)
-    with pytest.raises(KeyError):
-        quantities_of_history(history, "roof_uy")
+    assert oscillations(flow[["time", "drag"]])["drag"].amplitude == pytest.approx(22.66, rel=1e-3)
 
 
 def test_a_short_history_is_nan() -> None:
-    found = quantities_of_history(fsi3(times(0.1)))
+    found = oscillations(fsi3(times(0.1)))
     assert set(found) == {"drag", "lift", "tip_ux", "tip_uy"}
-    assert all(math.isnan(value) for item in found.values() for value in item.values())
+    assert all(math.isnan(value) for item in found.values() for value in item.as_dict().values())
 
 
 def test_blocks_follow_each_other_and_end_with_the_signal() -> None:
@@ -348,58 +330,3 @@ def test_blocks_begin_at_half_of_the_final_amplitude() -> None:
     assert sizes == sorted(sizes)
     assert sizes[-1] == pytest.approx(1.0, rel=1e-3)
     assert blocks(t[t < 0.9], growing[t < 0.9]) == []
-
-
-def test_cylinder_2d2() -> None:
-    t = times(8.0)
-    history = pd.DataFrame({"time": t, "drag": wave(t, 3.19, 0.03, 6.02), "lift": wave(t, -0.01, 1.004, 3.01)})
-    found = oscillations(history)
-    assert found["drag"].highest == pytest.approx(3.22, rel=1e-4)
-    assert found["lift"].peak_to_peak == pytest.approx(2.008, rel=1e-4)
-    assert strouhal(found["lift"].frequency, 0.1, 1.0) == pytest.approx(0.301, rel=1e-4)
-
-
-# Refinement -----------------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("order", [0.5, 1.0, 2.0, 3.7])
-@pytest.mark.parametrize("h", [[4, 2, 1], [0.1, 0.07, 0.02], [1, 3, 2]])
-def test_richardson_finds_the_order(h: list[float], order: float) -> None:
-    values = [5.0 - 0.3 * width**order for width in h]
-    found = richardson(h, values)
-    assert (found.value, found.order) == pytest.approx((5.0, order), rel=1e-8)
-    assert found.error == pytest.approx(-0.3 * min(h) ** order, rel=1e-7)
-    assert not found.reason
-
-
-def test_richardson_takes_the_three_finest() -> None:
-    h = [8.0, 4.0, 2.0, 1.0]
-    assert richardson(h, [100.0, *(1 + width**2 for width in h[1:])]).value == pytest.approx(1.0)
-
-
-def test_richardson_with_a_given_order() -> None:
-    found = richardson([0.01, 0.005], [1.0004, 1.0001], 2)
-    assert (found.value, found.order) == pytest.approx((1.0, 2.0), rel=1e-14)
-    assert found.error == pytest.approx(1e-4, rel=1e-9)
-
-
-def test_richardson_of_equal_values() -> None:
-    assert richardson([4, 2, 1], [7, 7, 7]).value == 7
-    assert richardson([4, 2, 1], [7, 7, 7]).error == 0
-
-
-@pytest.mark.parametrize("values", [[1, 2, 1.5], [1, 1.1, 1.3], [1, 1.1, 1.2], [2, 1, 1], [1, 1, 2]])
-def test_no_limit(values: list[float]) -> None:
-    found = richardson([4, 2, 1], values)
-    assert math.isnan(found.value)
-    assert math.isnan(found.error)
-    assert "do not fall" in found.reason
-
-
-@pytest.mark.parametrize(
-    ("h", "values", "order"),
-    [([2, 1], [1, 2], None), ([1], [1], 2), ([1, 1], [1, 2], 2), ([1, 0], [1, 2], 2), ([3, 2, 1], [1, 2], None)],
-)
-def test_richardson_refuses(h: list[float], values: list[float], order: float | None) -> None:
-    with pytest.raises(ValueError, match="widths"):
-        richardson(h, values, order)

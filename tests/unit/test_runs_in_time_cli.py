@@ -6,6 +6,7 @@ import re
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
+import meshio
 import numpy as np
 import pandas as pd
 import pytest
@@ -182,7 +183,8 @@ def test_a_series_for_paraview(tmp_path):
     entries = [(entry.attrib["timestep"], entry.attrib["file"]) for entry in root.iter("DataSet")]
     assert entries == [(repr(0.1 * 2), "fields-000002.vtu"), (repr(0.1 * 12), "fields-000012.vtu")]
     for scale, (_, name) in zip((2, 12), entries, strict=True):
-        np.testing.assert_allclose(vtu.read_vtu(tmp_path / name).displacement, fields(scale).displacement, atol=1e-15)
+        found = meshio.read(tmp_path / name).point_data["displacement"][:, :2]
+        np.testing.assert_allclose(found, fields(scale).displacement, atol=1e-15)
 
 
 def test_the_report_shows_the_history(tmp_path, in_time, check):
