@@ -9,6 +9,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic_core import PydanticCustomError
 
 from ffsi.scene.errors import Problem, SceneError
+from ffsi.scene.json_schema import SceneJsonSchema
 from ffsi.scene.validation import scene_problems
 
 
@@ -65,6 +66,11 @@ class Table(BaseModel):
             return super().model_validate(obj, **options)
         except ValidationError as error:
             raise SceneError(scene_problems(error, cls)) from None
+
+    @classmethod
+    def model_json_schema(cls, *args: Any, **options: Any) -> dict[str, Any]:
+        """Return the JSON schema of the table as a TOML file holds it."""
+        return super().model_json_schema(*args, **{"schema_generator": SceneJsonSchema, **options})
 
 
 def _without_followers(table: Table, dump: dict[str, Any]) -> dict[str, Any]:

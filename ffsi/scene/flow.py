@@ -8,11 +8,12 @@ from typing import Annotated, Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import Field, field_validator, model_validator
+from pydantic import ConfigDict, Field, field_validator, model_validator
 
 from ffsi.scene.base import Table, refuse
 from ffsi.scene.errors import Problem, names, nearest, short
 from ffsi.scene.expressions import Expression, ExpressionError
+from ffsi.scene.json_schema import at, equals, every, given, one_of, some, when
 from ffsi.scene.units import Count, Duration, FlowRate, Length, Number, Speed
 from ffsi.scene.waveforms import Fourier, named_waveforms, read_waveform
 
@@ -27,6 +28,10 @@ MAX_HARMONICS = 100
 
 class Series(Table):
     """Fourier series of a waveform: sum over k of cosine[k] cos(2 pi k t/period) + sine[k] sin(2 pi k t/period)."""
+
+    model_config = ConfigDict(
+        json_schema_extra=every(at(key, {"minItems": 1, "maxItems": MAX_HARMONICS + 1}) for key in ("cosine", "sine"))
+    )
 
     cosine: tuple[Number, ...] = Field(description="coefficients of the cosines, the mean first, dimensionless")
     sine: tuple[Number, ...] = Field(description="coefficients of the sines, 0 for the mean first, dimensionless")
@@ -50,6 +55,19 @@ class Inflow(Table):
     waveform_file is turned into series here, so that a scene needs no other file.
     """
 
+    model_config = ConfigDict(
+        json_schema_extra=every(
+            [
+                one_of([key] for key in VELOCITIES),
+                one_of([[], *([key] for key in WAVEFORMS)]),
+                when(given("harmonics"), given("waveform_file")),
+                when(given("series"), given("period")),
+                when(given("period"), some(*map(given, WAVEFORMS))),
+                when(equals("profile", WOMERSLEY), some(*map(given, WAVEFORMS))),
+            ]
+        )
+    )
+
     mean_velocity: Speed | None = Field(None, description="mean velocity of the built-in profiles, m/s")
     peak_velocity: Speed | None = Field(None, description="largest velocity over the inlet, m/s")
     flow_rate: FlowRate | None = Field(None, description="flow rate per metre of depth, m^2/s")
@@ -57,6 +75,7 @@ class Inflow(Table):
         "parabolic",
         description='"parabolic", "uniform", "womersley" or a dimensionless formula in y (along the inlet) and H (its '
         "length), both in m",
+        examples=[*PROFILES, WOMERSLEY],
     )
     ramp: Duration | None = Field(
         None, description="time in which the inflow grows from rest by a cosine (none if absent; needs a table time), s"

@@ -7,10 +7,11 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import Annotated, ClassVar, Literal, Self, get_args
 
-from pydantic import Field, ValidationInfo, field_validator, model_validator
+from pydantic import ConfigDict, Field, ValidationInfo, field_validator, model_validator
 
 from ffsi.scene.base import Table, refuse
 from ffsi.scene.errors import Problem, number_text, short
+from ffsi.scene.json_schema import absent, equals, every, given, one_of, when
 from ffsi.scene.units import Density, Modulus, NonNegativeModulus, Quantity, Stress
 
 ELASTIC_PAIRS: tuple[tuple[str, str], ...] = (
@@ -117,6 +118,8 @@ class WithFormulation(Elastic):
 class CompressibleElastic(Elastic):
     """A solid with two elastic constants: exactly one pair of `ELASTIC_PAIRS`."""
 
+    model_config = ConfigDict(json_schema_extra=one_of(ELASTIC_PAIRS))
+
     lame_lambda: Stress | None = Field(None, description="first Lame constant, Pa")
     lame_mu: Modulus | None = Field(None, description="second Lame constant (shear modulus), Pa")
     young_modulus: Modulus | None = Field(None, description="Young's modulus, Pa")
@@ -189,6 +192,13 @@ class NeoHookean(WithFormulation, CompressibleElastic):
     Incompressible: W = mu/2 (I1 - 3) with J = 1, and exactly one constant, lame_mu or young_modulus = 3 lame_mu.
     """
 
+    model_config = ConfigDict(
+        json_schema_extra=when(
+            equals("formulation", "incompressible"),
+            every([one_of([["lame_mu"], ["young_modulus"]]), absent("lame_lambda", "poisson_ratio")]),
+            one_of(ELASTIC_PAIRS),
+        )
+    )
     volume_constants: ClassVar[tuple[str, ...]] = ("lame_lambda", "poisson_ratio")
 
     material: Literal["neo-hookean"] = Field(description='material law: "neo-hookean"')
@@ -226,6 +236,9 @@ class MooneyRivlin(WithFormulation):
     nothing ties the bulk modulus to the others. Incompressible: J = 1, and no bulk modulus.
     """
 
+    model_config = ConfigDict(
+        json_schema_extra=when(equals("formulation", "incompressible"), absent("bulk_modulus"), given("bulk_modulus"))
+    )
     volume_constants: ClassVar[tuple[str, ...]] = ("bulk_modulus",)
 
     c10: NonNegativeModulus = Field(description="constant C10 of the first invariant, Pa")

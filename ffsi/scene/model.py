@@ -9,9 +9,9 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import Field, ValidationInfo, field_validator, model_validator
+from pydantic import ConfigDict, Field, ValidationInfo, field_validator, model_validator
 
-from ffsi.scene import summary
+from ffsi.scene import summary, together
 from ffsi.scene.base import Table, refuse
 from ffsi.scene.boundaries import Boundary
 from ffsi.scene.errors import Problem, SceneError, join, names, nearest, short
@@ -40,10 +40,18 @@ class Scene(Table):
         SceneError: a key or value is not valid, or the tables do not fit together.
     """
 
+    model_config = ConfigDict(json_schema_extra=together.rules())
     follows: ClassVar[tuple[str, ...]] = ("mesh_motion", "forces")
 
-    name: str = Field(description="name: a small letter, then small letters, digits and dashes, at most 64 in all")
-    description: str = Field("", description="one line of plain text, at most 200 characters")
+    name: str = Field(
+        description="name: a small letter, then small letters, digits and dashes, at most 64 in all",
+        json_schema_extra={"pattern": f"^{_NAME.pattern}$"},
+    )
+    description: str = Field(
+        "",
+        description=f"one line of plain text, at most {MAX_DESCRIPTION} characters",
+        json_schema_extra={"maxLength": MAX_DESCRIPTION, "pattern": r"^[^\x00-\x1f\x7f]*$"},
+    )
     geometry: Geometry = Field(description='reference domain, chosen by its "kind"; lengths in m')
     mesh: Mesh = Field(default_factory=Mesh, description="element sizes in m")
     fluid: Fluid | None = Field(None, description="the fluid; a scene without it is a pure solid")

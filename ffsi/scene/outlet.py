@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, StrictBool, model_validator
+from pydantic import ConfigDict, Field, StrictBool, model_validator
 
 from ffsi.scene.base import Table, refuse
 from ffsi.scene.errors import Problem, names, short
+from ffsi.scene.json_schema import absent, equals, every, given, when
 from ffsi.scene.units import Compliance, NonNegativeResistance, Quantity, Resistance, Stress
 
 # Keys of each kind, the needed ones first, then those that may be given.
@@ -29,6 +30,16 @@ class Outlet(Table):
     C dp_c/dt + (p_c - P)/R_d = Q. In time P is multiplied by the ramp of the inflow. With `hydrostatic`, rho g.(x - x0)
     is added to it, the weight of fluid at rest below x0, the outlet's point against gravity's direction.
     """
+
+    model_config = ConfigDict(
+        json_schema_extra=every(
+            when(
+                equals("kind", kind),
+                every([given(*needed), absent(*sorted(PRESSURES - {*needed, *optional}))]),
+            )
+            for kind, (needed, optional) in KEYS.items()
+        )
+    )
 
     kind: Literal["do-nothing", "zero-traction", "pressure", "resistance", "windkessel"] = Field(
         description='"do-nothing" (-p n + mu (grad v) n = 0), "zero-traction" (sigma n = 0), or do-nothing with a '

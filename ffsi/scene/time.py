@@ -6,10 +6,11 @@ import math
 from collections.abc import Iterator
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, StrictBool, model_validator
+from pydantic import ConfigDict, Field, StrictBool, model_validator
 
 from ffsi.scene.base import Table, refuse
 from ffsi.scene.errors import Problem, number_text, short
+from ffsi.scene.json_schema import equals, given, when
 from ffsi.scene.units import Duration, Quantity, Rate
 
 MAX_STEPS = 1e9
@@ -24,6 +25,8 @@ class Time(Table):
     The last step, and those before an output, are shortened (or made longer by up to a thousandth, where a sliver would
     be left) so that they end where they should.
     """
+
+    model_config = ConfigDict(json_schema_extra=when(given("smallest_step"), equals("adaptive", True)))
 
     scheme: Literal["shifted-crank-nicolson", "crank-nicolson", "backward-euler"] = Field(
         "shifted-crank-nicolson",

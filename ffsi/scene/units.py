@@ -12,7 +12,7 @@ from decimal import Decimal
 from typing import Annotated, Any, cast
 
 import pint
-from pydantic import GetCoreSchemaHandler
+from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from ffsi.scene.errors import number_text
@@ -23,6 +23,9 @@ _FACTOR = r"[A-Za-zµμ]+(?:(?:\^|\*\*)?-?\d)?"
 _PRODUCT = rf"{_FACTOR}(?:\s*[ *.·]\s*{_FACTOR})*"
 # After "/" either one unit or a bracket: "kg/m s" could mean two things.
 _UNIT = re.compile(rf"{_PRODUCT}(?:\s*/\s*(?:{_FACTOR}|\(\s*{_PRODUCT}\s*\)))*")
+# The same in a JSON schema, which can say neither what a unit measures nor more of a range than a sign.
+_WITH_UNIT = _NUMBER.pattern.replace("(.*?)", _UNIT.pattern.replace(r"-?\d", r"-?\d|[²³]"))
+_POSITIVE, _NOT_NEGATIVE = r"(?=\s*\+?[\d.]*[1-9])", r"(?!\s*-[\d.]*[1-9])"
 _EXAMPLES = {
     "m": "20 cm",
     "m/s": "12 mm/s",
@@ -160,6 +163,21 @@ class Quantity:
         """Let pydantic validate the field by this object."""
         return core_schema.no_info_plain_validator_function(cast(Callable[[Any], float], self))
 
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        """Return the JSON schema: a number in the range, or a text that may be one with a unit."""
+        bounds = {
+            "exclusiveMinimum": self.above,
+            "minimum": self.at_least,
+            "exclusiveMaximum": self.below,
+            "maximum": self.at_most,
+        }
+        number = {"type": "number", **{key: bound for key, bound in bounds.items() if bound is not None}}
+        if self.unit not in _EXAMPLES:
+            return number
+        sign = _POSITIVE if self.above == 0 else _NOT_NEGATIVE if self.at_least == 0 else ""
+        text = {"type": "string", "maxLength": _LIMIT, "pattern": f"^{sign}{_WITH_UNIT}$"}
+        return {"anyOf": [number, {**text, "examples": [_EXAMPLES[self.unit]]}]}
+
 
 @dataclass(frozen=True)
 class Count:
@@ -189,6 +207,10 @@ class Count:
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         """Let pydantic validate the field by this object."""
         return core_schema.no_info_plain_validator_function(cast(Callable[[Any], int], self))
+
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        """Return the JSON schema."""
+        return {"type": "integer", "minimum": self.minimum, "maximum": self.maximum}
 
 
 Number = Annotated[float, Quantity("1")]

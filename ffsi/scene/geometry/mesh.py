@@ -9,7 +9,15 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
-from pydantic import Field, GetCoreSchemaHandler, PrivateAttr, ValidationInfo, field_validator, model_validator
+from pydantic import (
+    Field,
+    GetCoreSchemaHandler,
+    GetJsonSchemaHandler,
+    PrivateAttr,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from ffsi.scene.base import Table, refuse
@@ -50,6 +58,11 @@ class _GroupNames:
             lambda names: names[0] if len(names) == 1 else names
         )
         return core_schema.no_info_plain_validator_function(self, serialization=short_form)
+
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        """Return the JSON schema."""
+        one = {"type": ["string", "integer"]}
+        return {"anyOf": [one, {"type": "array", "items": one, "minItems": 1}]}
 
 
 GroupNames = Annotated[tuple[str, ...], _GroupNames()]
