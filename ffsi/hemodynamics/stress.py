@@ -10,11 +10,10 @@ from numpy.typing import NDArray
 from ffsi.files.arrays import Floats, RawMesh, RawState
 from ffsi.reference.from_scene import material_of
 from ffsi.reference.materials import IDENTITY, SplitMaterial, dilatation, stress_across, transpose
+from ffsi.result.gradients import NODES, mean_at_nodes, node_gradients
 from ffsi.scene import Scene
 from ffsi.scene.materials import Elastic
 
-# Barycentric coordinates of the nodes of a quadratic triangle: vertices, then the middles opposite to them.
-_NODES = np.array([[1, 0, 0], [0, 1, 0], [0, 0, 1], [0, 0.5, 0.5], [0.5, 0, 0.5], [0.5, 0.5, 0]])
 _SIDES = np.array([[1, 3, 2], [2, 4, 0], [0, 5, 1]])  # start, middle and end of its edges
 _PIECES = 20  # of an edge, in which the end of a zone is looked for
 
@@ -70,18 +69,14 @@ def effective_stress(scene: Scene, mesh: RawMesh, state: RawState) -> dict[str, 
     for region, (name, law) in enumerate(scene.solid.items(), start=2):
         triangles = np.flatnonzero(mesh.region == region)
         corners = mesh.vertices[mesh.triangles[triangles]]
-        gradient, area = _node_gradients(corners)
+        gradient, area = node_gradients(corners)
         nodes = mesh.p2[triangles]
         deformation = np.einsum("tai,tmaj->tmij", state.u[nodes], gradient)
         pressure = None
         if law.mixed:
-            pressure = (state.ps[next(mixed)][mesh.triangles[triangles]] @ _NODES.T).ravel()
+            pressure = (state.ps[next(mixed)][mesh.triangles[triangles]] @ NODES.T).ravel()
         stress = von_mises(cauchy_stress(law, deformation.reshape(-1, 2, 2), pressure))
-        weight = np.repeat(area, 6)
-        total = np.bincount(nodes.ravel(), weights=weight, minlength=mesh.n_p2)
-        summed = np.bincount(nodes.ravel(), weights=weight * stress, minlength=mesh.n_p2)
-        with np.errstate(invalid="ignore"):
-            found[name] = summed / np.where(total > 0, total, np.nan)
+        found[name] = mean_at_nodes(nodes, stress.reshape(-1, 6), area, mesh.n_p2)
     return found
 
 
@@ -125,20 +120,3 @@ def _along(at: Floats, share: Floats) -> Floats:
     return np.asarray(
         start * (1 - share) * (1 - 2 * share) + 4 * middle * share * (1 - share) + end * share * (2 * share - 1)
     )
-
-
-def _node_gradients(corners: Floats) -> tuple[Floats, Floats]:
-    """Return the derivatives (t, 6 nodes, 6 functions, 2) of quadratic shape functions at the nodes, and the areas."""
-    a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    twice = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
-    slope = np.empty((len(corners), 3, 2))
-    slope[:, 1] = np.column_stack([b[:, 1], -b[:, 0]]) / twice[:, None]
-    slope[:, 2] = np.column_stack([-a[:, 1], a[:, 0]]) / twice[:, None]
-    slope[:, 0] = -slope[:, 1] - slope[:, 2]
-    by_barycentric = np.zeros((6, 6, 3))  # node, function, barycentric coordinate
-    for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
-        by_barycentric[:, i, i] = 4 * _NODES[:, i] - 1
-        by_barycentric[:, 3 + i, j] = 4 * _NODES[:, k]
-        by_barycentric[:, 3 + i, k] = 4 * _NODES[:, j]
-    return np.einsum("mal,tlj->tmaj", by_barycentric, slope), np.abs(twice) / 2

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from ffsi.files.arrays import Floats, Ints
+from ffsi.result import gradients
 from ffsi.result.fields import FLUID, Fields
 
 INK = "#22262b"
@@ -177,6 +178,40 @@ def displacement(fields: Fields, title: str = "", scale: Scale | None = None) ->
         _lines(axes, outline(fields, fields.region == region), 1.4, zorder=5)
     _lines(axes, outline(fields, np.full(len(solid), True)), 0.9)
     colour_bar(figure, axes, colours, "displacement magnitude (m)")
+    return figure
+
+
+def vorticity(fields: Fields, title: str = "") -> Figure:
+    """Vorticity of the fluid in 1/s on the deformed mesh; the few extreme values at sharp corners are cut off."""
+    return nodal(fields, gradients.vorticity(fields), "vorticity (1/s)", title, palette="RdBu_r")
+
+
+def nodal(fields: Fields, values: Floats, label: str, title: str = "", palette: str = "inferno") -> Figure:
+    """Draw values at the nodes of the fluid or of the solids on the deformed mesh, the rest in a neutral colour.
+
+    Args:
+        fields: the mesh and its motion.
+        values: (n,) in the unit of the label, NaN off the fluid or off the solids.
+        label: name and unit, at the colour bar.
+        title: heading.
+        palette: matplotlib's name; the range is that of 99 % of the values, about zero if they change sign.
+    """
+    shown: NDArray[np.bool_] = np.isfinite(values[fields.cells]).all(axis=1)
+    if not shown.any():
+        raise ValueError(f"no value of the {label} is finite")
+    fluid = bool((fields.region[shown] == FLUID).any())
+    figure, axes = canvas(title, _window("velocity" if fluid else "displacement", fields))
+    low, high = np.percentile(values[np.unique(fields.cells[shown])], [0.5, 99.5])
+    low, high = (-max(-low, high), max(-low, high)) if low < 0 else (0.0, high or 1.0)
+    colours = axes.tripcolor(
+        split_triangles(fields, shown), values, shading="gouraud", cmap=palette, vmin=low, vmax=high, rasterized=True
+    )
+    if fluid:
+        _solids(axes, fields)
+    for region in _solid_regions(fields):
+        axes.add_collection(LineCollection(outline(fields, fields.region == region), colors=INK, linewidths=0.7))
+    axes.add_collection(LineCollection(outline(fields, np.full(len(shown), True)), colors=INK, linewidths=0.9))
+    colour_bar(figure, axes, colours, label)
     return figure
 
 

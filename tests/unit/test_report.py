@@ -16,7 +16,7 @@ from run_folders import FakeCheck, FakeFreeFEM, exact, given_state, make_run, st
 from ffsi.files.errors import InputError
 from ffsi.hemodynamics.result import Result, load_result
 from ffsi.report import curves, formulas, history, write_report
-from ffsi.result import pictures
+from ffsi.result import gradients, pictures
 from ffsi.result.fields import Fields
 from ffsi.result.words import tally
 from ffsi.run import chain, execute, one_scene, sweep
@@ -44,6 +44,23 @@ def test_pictures_show_something(fields, name):
     image = pixels(pictures.draw(name, fields, "title"))
     assert colours(image) > 300
     assert (image.min(axis=2) < 200).mean() > 0.05
+
+
+def test_vorticity_is_that_on_the_deformed_mesh(fields):
+    """A flow that is linear on the deformed mesh has one vorticity everywhere, whatever the mesh's motion."""
+    x, y = fields.deformed.T
+    turning = replace(fields, velocity=np.column_stack([3 * y - 1, 7 * x + y]))
+    found = gradients.vorticity(turning)
+    fluid = np.unique(fields.cells[fields.region == 1])
+    np.testing.assert_allclose(found[fluid], 4.0, rtol=1e-10)
+    assert np.isnan(np.delete(found, fluid)).all()
+    assert colours(pixels(pictures.vorticity(fields))) > 100
+    stress = np.full(len(x), np.nan)
+    stress[np.unique(fields.cells[fields.region == 2])] = 1.0
+    _, bar = pictures.nodal(fields, stress, "effective stress (Pa)").axes
+    assert bar.get_xlabel() + bar.get_ylabel() == "effective stress (Pa)"
+    with pytest.raises(ValueError, match="no value of the stress"):
+        pictures.nodal(fields, np.full(len(x), np.nan), "stress")
 
 
 def test_the_solid_has_its_neutral_colour_in_the_velocity(fields):
