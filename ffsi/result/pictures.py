@@ -196,7 +196,7 @@ def nodal(fields: Fields, values: Floats, label: str, title: str = "", palette: 
         title: heading.
         palette: matplotlib's name; the range is that of 99 % of the values, about zero if they change sign.
     """
-    shown: NDArray[np.bool_] = np.isfinite(values[fields.cells]).all(axis=1)
+    shown: NDArray[np.bool_] = np.asarray(np.isfinite(values[fields.cells]).all(axis=1))
     if not shown.any():
         raise ValueError(f"no value of the {label} is finite")
     fluid = bool((fields.region[shown] == FLUID).any())
