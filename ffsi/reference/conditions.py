@@ -2,15 +2,13 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import ClassVar
 
 import numpy as np
 
 from ffsi.files.arrays import Floats
 from ffsi.reference.materials import Array
 from ffsi.reference.step import Step
-
-OutletKind = Literal["do-nothing", "zero-traction", "pressure", "resistance", "windkessel"]
 
 
 @dataclass(frozen=True)
@@ -43,9 +41,13 @@ class Outlet:
     of the ``compliance`` m2/Pa empties through the ``distal`` resistance. ``backflow`` is the weight of the momentum
     that fluid which comes back brings along. ``hydrostatic`` adds to the pressure behind the outlet that of a column of
     the fluid, which is zero where the outlet ends highest against gravity. Raises ``ValueError`` for an unknown kind.
+
+    A kind with a law of its own is a class derived from this one.
     """
 
-    kind: OutletKind
+    kinds: ClassVar[tuple[str, ...]] = ("do-nothing", "zero-traction", "pressure", "resistance", "windkessel")
+
+    kind: str
     pressure: float = 0.0
     resistance: float = 0.0
     distal: float = 0.0
@@ -56,13 +58,18 @@ class Outlet:
 
     def __post_init__(self) -> None:
         """Refuse unknown kinds."""
-        if self.kind not in get_args(OutletKind):
-            raise ValueError(f"outlet kind {self.kind!r}, accepted: {get_args(OutletKind)}")
+        if self.kind not in self.kinds:
+            raise ValueError(f"outlet kind {self.kind!r}, accepted: {self.kinds}")
 
     @property
     def presses(self) -> bool:
         """Whether there is a pressure at the outlet, one number for all of it."""
-        return self.kind in ("pressure", "resistance", "windkessel")
+        return self.kind not in ("do-nothing", "zero-traction")
+
+    @property
+    def stores(self) -> bool:
+        """Whether the pressure in a reservoir goes from step to step."""
+        return self.kind == "windkessel"
 
     def pressure_at(self, time: float) -> float:
         """Given part of the pressure, Pa."""
@@ -72,23 +79,26 @@ class Outlet:
         """Pressure, Pa, at a steady flow rate: what enters the reservoir leaves it."""
         return self.pressure + (self.resistance + self.distal) * flow
 
-    def during(self, step: Step, flow: Array | float, reservoir: float) -> Array | float:
-        """Pressure in a step, Pa, that of the time n + theta with its ``flow`` rate; ``reservoir`` Pa at its start."""
+    def during(self, step: Step, flow: Array | float, old_flow: Array | float, reservoir: float) -> Array | float:
+        """Pressure in a step, Pa, that of n + theta; flow rates at both its ends, ``reservoir`` Pa at its start."""
         behind: Array | float = self.pressure_at(step.between)
-        if self.kind == "windkessel":
-            behind = step.theta * self.reservoir_after(step, flow, reservoir) + (1.0 - step.theta) * reservoir
-        return behind + self.resistance * flow
+        if self.stores:
+            after = self.reservoir_after(step, flow, old_flow, reservoir)
+            behind = step.theta * after + (1.0 - step.theta) * reservoir
+        return behind + self.resistance * (step.theta * flow + (1.0 - step.theta) * old_flow)
 
-    def reservoir_after(self, step: Step, flow: Array | float, reservoir: float) -> Array | float:
+    def reservoir_after(
+        self, step: Step, flow: Array | float, old_flow: Array | float, reservoir: float
+    ) -> Array | float:
         """Pressure of the reservoir at the end of a step, from the balance of what enters, stays and leaves."""
-        given = self.pressure_at(step.between)
+        given, enters = self.pressure_at(step.between), step.theta * flow + (1.0 - step.theta) * old_flow
         stays, leaves = self.compliance / step.k, 1.0 / self.distal
         known = stays * reservoir - leaves * ((1.0 - step.theta) * reservoir - given)
-        return (flow + known) / (stays + step.theta * leaves)
+        return (enters + known) / (stays + step.theta * leaves)
 
     def at_end(self, step: Step, flow: float, reservoir: float) -> float:
         """Pressure at the end of a step, with the flow rate and the ``reservoir`` there."""
-        return (reservoir if self.kind == "windkessel" else self.pressure_at(step.time)) + self.resistance * flow
+        return (reservoir if self.stores else self.pressure_at(step.time)) + self.resistance * flow
 
 
 @dataclass(frozen=True)

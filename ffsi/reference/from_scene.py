@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -39,6 +40,18 @@ VISCOSITIES: dict[str, Callable[[Any], viscosity.Viscosity]] = {
     ),
     "power-law": lambda fluid: viscosity.PowerLaw(fluid.consistency, fluid.exponent, fluid.regularisation),
     "casson": lambda fluid: viscosity.Casson(fluid.yield_stress, fluid.viscosity_infinity, fluid.regularisation),
+}
+
+
+# The outlet of each kind, from that of a scene, but for what all kinds have.
+OUTLETS: dict[str, Callable[[Any], Outlet]] = {
+    "do-nothing": lambda outlet: Outlet("do-nothing"),
+    "zero-traction": lambda outlet: Outlet("zero-traction"),
+    "pressure": lambda outlet: Outlet("pressure", outlet.pressure),
+    "resistance": lambda outlet: Outlet("resistance", outlet.pressure, outlet.resistance),
+    "windkessel": lambda outlet: Outlet(
+        "windkessel", outlet.pressure, outlet.proximal_resistance, outlet.distal_resistance, outlet.compliance
+    ),
 }
 
 
@@ -118,14 +131,12 @@ def _ramp(scene: Scene) -> Callable[[float], float]:
 def _outlet(scene: Scene) -> Outlet | None:
     if (outlet := scene.outlet) is None:
         return None
-    return Outlet(
-        outlet.kind,
-        pressure=outlet.pressure or 0.0,
-        resistance=(outlet.proximal_resistance if outlet.kind == "windkessel" else outlet.resistance) or 0.0,
-        distal=outlet.distal_resistance or 0.0,
-        compliance=outlet.compliance or 0.0,
+    if outlet.kind not in OUTLETS:
+        raise ValueError(f"outlet: the reference checker does not know the kind {outlet.kind!r}")
+    return replace(
+        OUTLETS[outlet.kind](outlet),
         backflow=outlet.backflow or 0.0,
-        hydrostatic=bool(getattr(outlet, "hydrostatic", False)),
+        hydrostatic=bool(outlet.hydrostatic),
         ramp=_ramp(scene),
     )
 

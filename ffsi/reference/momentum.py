@@ -72,8 +72,8 @@ def outlet_pressure(system: System, outlet: Outlet, sides: Sides, v: Array) -> A
     if (increment := system.increment) is None:
         pressure = outlet.steady(flow)
     else:
-        flow = increment.step.mean(flow, terms.outlet_flow(sides.normal, increment.old.v[sides.nodes]))
-        pressure = outlet.during(increment.step, flow, increment.reservoir)
+        old_flow = terms.outlet_flow(sides.normal, increment.old.v[sides.nodes])
+        pressure = outlet.during(increment.step, flow, old_flow, increment.reservoir)
     return terms.outlet_pressure(sides.normal, pressure)
 
 

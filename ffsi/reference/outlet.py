@@ -35,9 +35,8 @@ def at_outlet(system: System, state: RawState) -> dict[str, Quantity]:
         size = abs(outlet.pressure) + (outlet.resistance + outlet.distal) * through
         return found | {"outlet_pressure": Quantity.of(float(outlet.steady(flow)), size, _SMALL)}
     step, old, new = increment.step, increment.reservoir, 0.0
-    if outlet.kind == "windkessel":
-        mean = step.theta * flow + (1.0 - step.theta) * flow_of(increment.old.v)
-        new = float(outlet.reservoir_after(step, mean, old))
+    if outlet.stores:
+        new = float(outlet.reservoir_after(step, flow, flow_of(increment.old.v), old))
         size = max(abs(old), abs(new))
         found |= {"windkessel_old": Quantity.of(old, size, _SMALL), "windkessel_new": Quantity.of(new, size, _SMALL)}
     size = abs(outlet.pressure_at(step.time)) + abs(new) + outlet.resistance * through
@@ -59,9 +58,8 @@ def reservoirs(outlet: Outlet, history: History, theta: Callable[[float, int], f
 
 def _reservoirs(outlet: Outlet, steps: Sequence[Step], flow: Sequence[float]) -> list[float]:
     found = [outlet.pressure_at(0.0)]
-    if outlet.kind != "windkessel":
+    if not outlet.stores:
         return found * (len(steps) + 1)
     for step, new, old in zip(steps, flow, [0.0, *flow], strict=False):
-        mean = step.theta * new + (1.0 - step.theta) * old
-        found.append(float(outlet.reservoir_after(step, mean, found[-1])))
+        found.append(float(outlet.reservoir_after(step, new, old, found[-1])))
     return found

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Annotated, Literal, Self
 
 from pydantic import ConfigDict, Field, StrictBool, model_validator
@@ -12,15 +13,43 @@ from ffsi.scene.errors import Problem, names, short
 from ffsi.scene.json_schema import absent, equals, every, given, when
 from ffsi.scene.units import Compliance, NonNegativeResistance, Quantity, Resistance, Stress
 
-# Keys of each kind, the needed ones first, then those that may be given.
-KEYS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
-    "do-nothing": ((), ()),
-    "zero-traction": ((), ()),
-    "pressure": (("pressure",), ()),
-    "resistance": (("resistance",), ("pressure",)),
-    "windkessel": (("proximal_resistance", "distal_resistance", "compliance"), ("pressure",)),
+
+@dataclass(frozen=True)
+class OutletLaw:
+    """What is known of a kind of outlet.
+
+    Args:
+        traction: the condition, as a script states it.
+        needed: keys that it needs.
+        optional: keys that may be given.
+        stores: whether its pressure follows in time from what came before.
+    """
+
+    traction: str
+    needed: tuple[str, ...] = ()
+    optional: tuple[str, ...] = ()
+    stores: bool = False
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """The keys that it takes."""
+        return (*self.needed, *self.optional)
+
+
+_TRACTION = "-p n + mu (grad v) n = "
+OUTLETS = {
+    "do-nothing": OutletLaw(_TRACTION + "0"),
+    "zero-traction": OutletLaw("P N = 0"),
+    "pressure": OutletLaw(_TRACTION + "- P n", ("pressure",)),
+    "resistance": OutletLaw(_TRACTION + "- (P + R Q) n", ("resistance",), ("pressure",)),
+    "windkessel": OutletLaw(
+        _TRACTION + "- (R_p Q + p_c) n, C dp_c/dt + (p_c - P)/R_d = Q",
+        ("proximal_resistance", "distal_resistance", "compliance"),
+        ("pressure",),
+        stores=True,
+    ),
 }
-PRESSURES = {key for keys in KEYS.values() for key in (*keys[0], *keys[1])}
+PRESSURES = {key for law in OUTLETS.values() for key in law.keys}
 
 
 class Outlet(Table):
@@ -33,11 +62,8 @@ class Outlet(Table):
 
     model_config = ConfigDict(
         json_schema_extra=every(
-            when(
-                equals("kind", kind),
-                every([given(*needed), absent(*sorted(PRESSURES - {*needed, *optional}))]),
-            )
-            for kind, (needed, optional) in KEYS.items()
+            when(equals("kind", kind), every([given(*law.needed), absent(*sorted(PRESSURES.difference(law.keys)))]))
+            for kind, law in OUTLETS.items()
         )
     )
 
@@ -71,23 +97,27 @@ class Outlet(Table):
     @model_validator(mode="after")
     def _fits(self) -> Self:
         refuse(list(self._problems()))
-        if self.pressure is None and "pressure" in KEYS[self.kind][1]:
+        if self.pressure is None and "pressure" in self.law.optional:
             # Still under construction: the only place where a value of an outlet is set.
             object.__setattr__(self, "pressure", 0.0)
         return self
 
     def _problems(self) -> Iterator[Problem]:
-        needed, optional = KEYS[self.kind]
-        for key in needed:
+        for key in self.law.needed:
             if getattr(self, key) is None:
                 yield Problem(key, f"missing; {type(self).model_fields[key].description}")
         for key in sorted(PRESSURES):
             value = getattr(self, key)
-            if value is not None and key not in (*needed, *optional):
-                kinds = names(kind for kind, keys in KEYS.items() if key in (*keys[0], *keys[1]))
+            if value is not None and key not in self.law.keys:
+                kinds = names(kind for kind, law in OUTLETS.items() if key in law.keys)
                 yield Problem(key, f'not accepted with the kind "{self.kind}", only with {kinds}', short(value))
+
+    @property
+    def law(self) -> OutletLaw:
+        """What is known of the kind."""
+        return OUTLETS[self.kind]
 
     @property
     def has_pressure(self) -> bool:
         """Whether there is a pressure behind the outlet."""
-        return bool(KEYS[self.kind][0])
+        return bool(self.law.needed)

@@ -12,7 +12,7 @@ from ffsi.scene.flow import VELOCITIES, WAVEFORMS
 from ffsi.scene.fluids import LAWS
 from ffsi.scene.materials import ELASTIC_CONSTANTS, ELASTIC_PAIRS, MATERIALS, PAIRS_TEXT, CompressibleElastic, Elastic
 from ffsi.scene.model import Scene
-from ffsi.scene.outlet import KEYS, PRESSURES
+from ffsi.scene.outlet import OUTLETS, PRESSURES
 from ffsi.scene.toml import parse_value
 
 _KEY = re.compile(r"[A-Za-z0-9_-]+(\.[A-Za-z0-9_-]+)*")
@@ -79,8 +79,8 @@ def with_values(scene: Scene, values: Mapping[str, Any]) -> Scene:
     if "inflow" in table and "inflow" not in values:
         _adapt_inflow(values, table["inflow"])
     kind = values.get("outlet.kind")
-    if "outlet" in table and isinstance(kind, str) and kind in KEYS:
-        for key in PRESSURES - {key for keys in KEYS[kind] for key in keys}:
+    if "outlet" in table and isinstance(kind, str) and kind in OUTLETS:
+        for key in PRESSURES.difference(OUTLETS[kind].keys):
             table["outlet"].pop(key, None)
     law = values.get("fluid.law")
     if isinstance(law, str) and law in LAWS and "fluid" in table:

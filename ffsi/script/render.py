@@ -203,9 +203,6 @@ def _context(scene: Scene, mumps: bool) -> dict[str, Any]:
         "inflow_waveform": _waveform(scene),
         "inflow_profile": scene.inflow.expression.to_freefem({"y": "inletS"}) if scene.inflow else "",
         "theta_of_step": _theta(scene),
-        "outlet_pressure": scene.outlet is not None and scene.outlet.has_pressure,
-        "outflow_resistance": _outflow_resistance(scene),
-        "outlet_text": _outlet_text(scene),
         "viscosity_text": "a constant mu" if scene.fluid and scene.fluid.law == "newtonian" else "mu of the shear rate",
         "better_mesh_motion": _better_mesh_motion(scene),
         "unknowns_text": ", ".join(components),
@@ -245,8 +242,8 @@ def _structure(scene: Scene, *, parts: bool, varying: bool) -> list[str]:
         # Between rigid walls a constant pressure does no work: the flow is solved without it, what is written has it.
         "hasPressureLevel": pressed and not solid,
         "hasOutletLoad": pressed and solid,
-        "hasResistance": outlet and outlet.kind in ("resistance", "windkessel"),
-        "hasWindkessel": outlet and outlet.kind == "windkessel" and time,
+        "hasResistance": outlet and pressed and outlet.kind != "pressure",
+        "hasReservoir": outlet and pressed and outlet.law.stores and time,
         "hasHydrostatic": outlet and outlet.hydrostatic,
         "hasBackflow": outlet and outlet.backflow is not None,
         "hasRamp": scene.inflow and scene.inflow.ramp,
@@ -313,33 +310,6 @@ def _theta(scene: Scene) -> str:
     """Return theta of a step of length k."""
     fixed = {"backward-euler": "1", "crank-nicolson": "0.5"}
     return fixed.get(scene.time.scheme, "min(1., 0.5+timeShift*k)") if scene.time else ""
-
-
-def _outflow_resistance(scene: Scene) -> str:
-    """Return d p_out / d Q, of a step."""
-    if scene.outlet is None or scene.outlet.kind == "pressure":
-        return "0."
-    if scene.outlet.kind == "resistance":
-        return "outletResistance"
-    distal = "timeTheta/(outletCompliance/timeK+timeTheta/outletDistalResistance)" if scene.time else ""
-    return f"(outletProximalResistance + {distal or 'outletDistalResistance'})"
-
-
-def _outlet_text(scene: Scene) -> str:
-    """Return the outlet's condition as words of a comment."""
-    if scene.outlet is None:
-        return ""
-    traction = "P N = 0" if scene.outlet.kind == "zero-traction" else "-p n + mu (grad v) n = 0"
-    behind = {
-        "pressure": " - P n",
-        "resistance": " - (P + R Q) n",
-        "windkessel": " - (R_p Q + p_c) n, C dp_c/dt + (p_c - P)/R_d = Q",
-    }
-    return (
-        traction.removesuffix("0") + behind[scene.outlet.kind].removeprefix(" ")
-        if scene.outlet.has_pressure
-        else traction
-    )
 
 
 def _better_mesh_motion(scene: Scene) -> str:

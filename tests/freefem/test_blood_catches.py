@@ -62,8 +62,8 @@ MUTATIONS = {
     ),
     "resistance in time": (
         channel({"kind": "resistance", "resistance": 3.0}, **BEATING),
-        "(1-timeTheta)*OutflowResistance()*FlowRate(old);",
-        "(timeTheta-1)*OutflowResistance()*FlowRate(old);",
+        "(1-timeTheta)*OutflowResistance()*oldFlow;",
+        "(timeTheta-1)*OutflowResistance()*oldFlow;",
     ),
     "Windkessel": (channel(WINDKESSEL), "outletProximalResistance + outlet", "outletProximalResistance - outlet"),
     "Windkessel in time": (channel(WINDKESSEL, **BEATING), "(c-(1-timeTheta)*d)", "(c+(1-timeTheta)*d)"),

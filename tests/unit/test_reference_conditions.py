@@ -150,7 +150,7 @@ def quasi_steady(outlet, theta_of, count, end=0.3, factor=None):
         at_outlet = state.p[system.mesh.vertices[:, 0] == LENGTH]
         before = state.p[system.mesh.vertices[:, 0] == 0.0]
         np.testing.assert_allclose(before - at_outlet, mean * SLOPE * LENGTH, rtol=1e-7)
-        reservoir = float(outlet.reservoir_after(step, mean * FLOW, reservoir)) if outlet.distal else 0.0
+        reservoir = float(outlet.reservoir_after(step, mean * FLOW, mean * FLOW, reservoir)) if outlet.distal else 0.0
         found.append((at_outlet.mean(), reservoir))
     return found, Step(k, theta, end).between
 
@@ -186,9 +186,9 @@ def test_windkessel_fills_like_its_differential_equation(theta_of, order):
 
 def test_windkessel_at_rest_in_its_steady_state_stays():
     last = WINDKESSEL.pressure + WINDKESSEL.distal * FLOW
-    after = WINDKESSEL.reservoir_after(Step(K, 0.6, K), FLOW, last)
+    after = WINDKESSEL.reservoir_after(Step(K, 0.6, K), FLOW, FLOW, last)
     assert after == pytest.approx(last, rel=1e-14)
-    assert WINDKESSEL.during(Step(K, 0.6, K), FLOW, last) == pytest.approx(WINDKESSEL.steady(FLOW), rel=1e-14)
+    assert WINDKESSEL.during(Step(K, 0.6, K), FLOW, FLOW, last) == pytest.approx(WINDKESSEL.steady(FLOW), rel=1e-14)
 
 
 # Backflow and support: their integrals --------------------------------------------------------------------------------
