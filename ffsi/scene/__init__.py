@@ -1,9 +1,8 @@
 """What a scene is: models with units, TOML in and out, the catalogue, boundaries and their roles."""
 
 from ffsi.scene.boundaries import Boundary
-from ffsi.scene.catalogue import CASES
 from ffsi.scene.errors import SceneError
-from ffsi.scene.files import load_scene, scene_of, stored
+from ffsi.scene.files import CASES, load_scene, scene_of, stored
 from ffsi.scene.fluids import Newtonian
 from ffsi.scene.geometry import Aneurysm, MeshGeometry
 from ffsi.scene.model import Scene, boundaries

@@ -47,12 +47,26 @@ class Table(BaseModel):
 
     def given(self) -> dict[str, Any]:
         """Return the table as `model_dump` does, without what follows from the other values."""
-        return _without_followers(self, self.model_dump(exclude_none=True))
+        dump = self.model_dump(exclude_none=True)
+        for name in set(self.follows) - self.model_fields_set:
+            dump.pop(name, None)
+        for name in dump:
+            inner = getattr(self, name)
+            if isinstance(inner, Table):
+                dump[name] = inner.given()
+            elif isinstance(inner, Mapping):
+                dump[name] |= {key: item.given() for key, item in inner.items() if isinstance(item, Table)}
+        return dump
+
+    def fill(self, **values: Any) -> None:
+        """Set what follows from other values, in a validator: the only way in which a table changes."""
+        for key, value in values.items():
+            object.__setattr__(self, key, value)
 
     def filled(self, values: Mapping[str, Any]) -> Self:
         """Return a copy with values that follow from others: they do not count as given."""
         copy = self.model_copy(update=dict(values))
-        object.__setattr__(copy, "__pydantic_fields_set__", set(self.model_fields_set))
+        copy.fill(__pydantic_fields_set__=set(self.model_fields_set))
         return copy
 
     @classmethod
@@ -71,18 +85,3 @@ class Table(BaseModel):
     def model_json_schema(cls, *args: Any, **options: Any) -> dict[str, Any]:
         """Return the JSON schema of the table as a TOML file holds it."""
         return super().model_json_schema(*args, **{"schema_generator": SceneJsonSchema, **options})
-
-
-def _without_followers(table: Table, dump: dict[str, Any]) -> dict[str, Any]:
-    """Remove from the dump of a table, and of those in it, what was not given and follows from other values."""
-    for name in set(table.follows) - table.model_fields_set:
-        dump.pop(name, None)
-    for name in dump:
-        inner = getattr(table, name)
-        if isinstance(inner, Table):
-            _without_followers(inner, dump[name])
-        elif isinstance(inner, Mapping):
-            for key, item in inner.items():
-                if isinstance(item, Table):
-                    _without_followers(item, dump[name][key])
-    return dump

@@ -49,7 +49,6 @@ _NAMES: dict[str, Any] = {
     "__builtins__": {},
 }
 _FORBIDDEN_CHARACTER = re.compile(r"[^A-Za-z0-9_ .+\-*/^(),]")
-_FREEFEM_NAME = re.compile(r"[A-Za-z][A-Za-z0-9]*")
 
 
 class ExpressionError(ValueError):
@@ -58,12 +57,7 @@ class ExpressionError(ValueError):
 
 @dataclass(frozen=True)
 class Expression:
-    """A formula of given variables; make one with `Expression.parse`.
-
-    Attributes:
-        text: the formula as written.
-        variables: the names that it may use.
-    """
+    """A formula, as written, of variables; make one with `Expression.parse`."""
 
     text: str
     variables: tuple[str, ...]
@@ -106,18 +100,8 @@ class Expression:
         return _compiled(self._tree)
 
     def to_freefem(self, rename: Mapping[str, str] | None = None) -> str:
-        """Return the formula as FreeFEM text.
-
-        Args:
-            rename: FreeFEM identifiers of variables that are called otherwise there.
-
-        Raises:
-            ValueError: a new name is no FreeFEM identifier.
-        """
-        for name in (rename or {}).values():
-            if not _FREEFEM_NAME.fullmatch(name):
-                raise ValueError(f"{name!r} is not a FreeFEM identifier")
-        return _freefem(self._tree, dict(rename or {}))
+        """Return the formula as FreeFEM text, with other names for variables that are called otherwise there."""
+        return _freefem(self._tree, rename or {})
 
 
 def _parse(text: str) -> ast.expr:

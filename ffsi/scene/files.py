@@ -1,20 +1,58 @@
-"""Scenes by case name or from a file."""
+"""Scenes by case name or from a file; the catalogue: scenes with published values, each a file that a user can copy."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
 
 from ffsi.files.errors import InputError
 from ffsi.files.reading import MEGABYTE, read_text
-from ffsi.scene.catalogue import CASES
 from ffsi.scene.errors import Problem, SceneError, names, nearest, of_type, short
 from ffsi.scene.geometry import MeshGeometry
 from ffsi.scene.model import Scene
 from ffsi.scene.overrides import parse_overrides, with_values
 from ffsi.scene.toml import parse_toml
+
+FOLDER = Path(__file__).parents[1] / "cases"
+
+
+class Catalogue(Mapping[str, Scene]):
+    """Scenes by name, in alphabetical order; each is read when it is asked for."""
+
+    @cached_property
+    def _names(self) -> tuple[str, ...]:
+        return tuple(sorted(path.stem for path in FOLDER.glob("*.toml")))
+
+    @property
+    def steady(self) -> list[str]:
+        """Names of the scenes that are steady."""
+        return [name for name in self if self[name].steady]
+
+    def __getitem__(self, name: str) -> Scene:
+        """Return a scene. Raises ``KeyError`` for a name that is none."""
+        if name not in self._names:
+            raise KeyError(name)
+        return _case(name)
+
+    def __iter__(self) -> Iterator[str]:
+        """Go through the names."""
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        """Return the number of scenes."""
+        return len(self._names)
+
+
+@cache
+def _case(name: str) -> Scene:
+    path = FOLDER / f"{name}.toml"
+    return Scene.model_validate(parse_toml(path.read_text(encoding="utf-8"), path.name))
+
+
+CASES = Catalogue()
 
 
 def load_scene(case_or_path: str | Path, overrides: Sequence[str] = ()) -> Scene:

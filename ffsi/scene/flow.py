@@ -1,4 +1,4 @@
-"""What drives the flow, and the scale of the forces."""
+"""What drives the flow, the scale of its forces, and forces from outside: gravity, traction, the support of walls."""
 
 from __future__ import annotations
 
@@ -8,13 +8,24 @@ from typing import Annotated, Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import ConfigDict, Field, field_validator, model_validator
+from pydantic import ConfigDict, Field, ValidationInfo, field_validator, model_validator
 
 from ffsi.scene.base import Table, refuse
 from ffsi.scene.errors import Problem, names, nearest, short
 from ffsi.scene.expressions import Expression, ExpressionError
 from ffsi.scene.json_schema import at, equals, every, given, one_of, some, when
-from ffsi.scene.units import Count, Duration, FlowRate, Length, Number, Speed
+from ffsi.scene.units import (
+    Acceleration,
+    Count,
+    Duration,
+    FlowRate,
+    FoundationDamping,
+    FoundationStiffness,
+    Length,
+    Number,
+    Speed,
+    Stress,
+)
 from ffsi.scene.waveforms import Fourier, named_waveforms, read_waveform
 
 _TIME = ("t",)
@@ -98,42 +109,31 @@ class Inflow(Table):
         "file's times cover, s",
     )
 
-    @field_validator("profile")
+    @field_validator("profile", "waveform")
     @classmethod
-    def _readable(cls, profile: str) -> str:
-        known = (*PROFILES, WOMERSLEY)
+    def _readable(cls, text: str | None, info: ValidationInfo) -> str | None:
+        known: tuple[str, ...] = (*PROFILES, WOMERSLEY)
+        variables: tuple[str, ...] = ("y", "H")
+        if info.field_name == "waveform":
+            known, variables = tuple(named_waveforms()), _TIME
         try:
-            if profile not in known:
-                Expression.parse(profile)
+            if text is not None and text not in known:
+                Expression.parse(text, variables)
         except ExpressionError as error:
-            accepted = f"{error}; accepted: {names(known)} or a formula in y and H"
-            refuse([Problem("", accepted, short(profile), nearest(profile, known))])
-        return profile
-
-    @field_validator("waveform")
-    @classmethod
-    def _readable_waveform(cls, waveform: str | None) -> str | None:
-        known = named_waveforms()
-        try:
-            if waveform is not None and waveform not in known:
-                Expression.parse(waveform, _TIME)
-        except ExpressionError as error:
-            text = f"{error}; accepted: {names(known)} or a formula in t"
-            refuse([Problem("", text, short(waveform), nearest(str(waveform), known))])
-        return waveform
+            accepted = f"{error}; accepted: {names(known)} or a formula in {' and '.join(variables)}"
+            refuse([Problem("", accepted, short(text), nearest(str(text), known))])
+        return text
 
     @model_validator(mode="after")
     def _complete(self) -> Self:
         refuse(list(self._problems()))
-        filled: dict[str, Any] = {}
         if self.waveform_file is not None:
-            filled = _series_of_file(self.waveform_file, self.harmonics, self.period)
+            self.fill(**_series_of_file(self.waveform_file, self.harmonics, self.period))
         elif self.period is None and self.waveform in named_waveforms():
-            filled = {"period": named_waveforms()[self.waveform].period}
-        for key, value in filled.items():
-            # Still under construction: the only place where a value of an inflow is set.
-            object.__setattr__(self, key, value)
-        refuse(list(self._womersley_problems()))
+            self.fill(period=named_waveforms()[self.waveform].period)
+        if self.profile == WOMERSLEY and self.fourier is None:
+            text = f"needs a waveform that is a Fourier series: {names(named_waveforms())} or a waveform_file"
+            refuse([Problem("profile", text, short(self.profile))])
         return self
 
     def _problems(self) -> Iterator[Problem]:
@@ -151,11 +151,6 @@ class Inflow(Table):
             yield Problem("period", f"missing; {type(self).model_fields['period'].description}")
         if self.period is not None and not waveforms:
             yield Problem("period", "only accepted with a waveform", f"{short(self.period)} s")
-
-    def _womersley_problems(self) -> Iterator[Problem]:
-        if self.profile == WOMERSLEY and self.fourier is None:
-            text = f"needs a waveform that is a Fourier series: {names(named_waveforms())} or a waveform_file"
-            yield Problem("profile", text, short(self.profile))
 
     @property
     def expression(self) -> Expression:
@@ -246,3 +241,24 @@ class Forces(Table):
     """Scale of the force coefficients C = 2 f / (density mean_velocity^2 reference_length)."""
 
     reference_length: Length = Field(description="reference length, m")
+
+
+class Gravity(Table):
+    """Acceleration by gravity, on fluid and solids."""
+
+    x: Acceleration = Field(0.0, description="x component, m/s^2")
+    y: Acceleration = Field(0.0, description="y component, m/s^2")
+
+
+class Traction(Table):
+    """Dead traction on the loaded boundary: it keeps its direction, and counts per reference length."""
+
+    x: Stress = Field(0.0, description="x component, Pa")
+    y: Stress = Field(0.0, description="y component, Pa")
+
+
+class Support(Table):
+    """Elastic support of the outer sides of walls by their surroundings: the traction is -(stiffness u + damping v)."""
+
+    stiffness: FoundationStiffness = Field(0.0, description="stiffness per reference length of the wall, Pa/m")
+    damping: FoundationDamping = Field(0.0, description="damping per reference length of the wall, Pa s/m")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from typing import Any, cast, get_args, get_origin
@@ -12,14 +12,13 @@ from pydantic import BeforeValidator
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
-from ffsi.scene.annotations import literals, of_field, unit
-from ffsi.scene.annotations import members as split
-from ffsi.scene.base import Table
-from ffsi.scene.errors import join, number_text
+from ffsi.scene.errors import join, names, number_text, short
 from ffsi.scene.geometry import GeometryBase
 from ffsi.scene.model import Scene
 from ffsi.scene.numerics import SIZES
 from ffsi.scene.units import Count, Quantity
+from ffsi.scene.validation import Model, literals, models, of_field, unit
+from ffsi.scene.validation import members as split
 
 NEEDED = "needed"
 _TYPES: dict[Any, str] = {str: "text", bool: "true or false"}
@@ -74,7 +73,8 @@ def markdown() -> str:
         lines += [f"### {only or (f'[{table}]' if table else 'The scene')}", ""]
         lines += ["| key | type | unit | default | range | meaning |", "| --- | --- | --- | --- | --- | --- |"]
         for item in items:
-            cells = (f"`{item.key}`", item.type, item.unit, _code(item.default), item.range, item.meaning)
+            default = f"`{item.default}`" if item.default not in ("", NEEDED) else item.default
+            cells = (f"`{item.key}`", item.type, item.unit, default, item.range, item.meaning)
             lines.append(f"| {' | '.join(cell.replace('|', '&#124;') for cell in cells)} |")
         lines.append("")
     return "\n".join([*lines, *_sizes()]) + "\n"
@@ -85,7 +85,7 @@ def _sizes() -> list[str]:
     lines = ["### Element sizes that are not given", ""]
     lines += [f"| geometry.kind | for | {' | '.join(f'`mesh.{name}`' for name in SIZES)} |"]
     lines += ["| --- | --- |" + " ---: |" * len(SIZES)]
-    for geometry in _tables(Scene.model_fields["geometry"].annotation):
+    for geometry in models(Scene.model_fields["geometry"].annotation):
         if issubclass(geometry, GeometryBase) and (sizes := geometry.default_sizes) is not None:
             (kind,) = literals(geometry.model_fields["kind"].annotation)
             length = geometry.model_fields[geometry.sized_by].default
@@ -95,11 +95,7 @@ def _sizes() -> list[str]:
     return lines
 
 
-def _code(default: str) -> str:
-    return f"`{default}`" if default not in ("", NEEDED) else default
-
-
-def _keys(model: type[Table], prefix: str, only: str, chosen_by: str = "") -> Iterator[Key]:
+def _keys(model: Model, prefix: str, only: str, chosen_by: str = "") -> Iterator[Key]:
     for name, field in model.model_fields.items():
         if name == chosen_by:
             continue
@@ -108,7 +104,7 @@ def _keys(model: type[Table], prefix: str, only: str, chosen_by: str = "") -> It
         if is_dict:
             key = join(key, "NAME")
             members, metadata = split(is_dict[0][1])
-        tables = [table for member in members for table in _tables(member)]
+        tables = [table for member in members for table in models(member)]
         if not tables:
             yield _leaf(key, only, field, members, metadata, named=bool(is_dict))
         if len(tables) == 1:
@@ -117,7 +113,7 @@ def _keys(model: type[Table], prefix: str, only: str, chosen_by: str = "") -> It
             yield from _choice(key, field, tables, metadata)
 
 
-def _choice(key: str, field: FieldInfo, tables: list[type[Table]], metadata: list[Any]) -> Iterator[Key]:
+def _choice(key: str, field: FieldInfo, tables: list[Model], metadata: list[Any]) -> Iterator[Key]:
     """Yield the key that chooses one of several tables, then those of each."""
     tag = next(str(item.discriminator) for item in (*metadata, field) if getattr(item, "discriminator", None))
     kinds = {literals(table.model_fields[tag].annotation)[0]: table for table in tables}
@@ -126,21 +122,21 @@ def _choice(key: str, field: FieldInfo, tables: list[type[Table]], metadata: lis
     )
     default = _toml(filled[tag]) if tag in filled else NEEDED
     meaning = str(tables[0].model_fields[tag].description).partition(":")[0]
-    yield Key(join(key, tag), "", "text", "", default, _quoted(kinds), meaning)
+    yield Key(join(key, tag), "", "text", "", default, names(kinds), meaning)
     for kind, table in kinds.items():
         yield from _keys(table, key, f'{join(key, tag)} = "{kind}"', tag)
 
 
 def _leaf(key: str, only: str, field: FieldInfo, members: list[Any], metadata: list[Any], *, named: bool) -> Key:
-    names = [name for member in members for name in literals(member)]
+    words = [word for member in members for word in literals(member)]
     rule = next((item for item in metadata if hasattr(item, "accepted")), None)
     match rule:
         case Quantity():
             kind, limits = "number", rule.bounds
         case Count():
             kind, limits = "whole number", f"{rule.minimum} to {rule.maximum}"
-        case None if names:
-            kind, limits = "text", _quoted(names)
+        case None if words:
+            kind, limits = "text", names(words)
         case None if any(get_origin(member) is tuple for member in members):
             kind, limits = "list of numbers", ""
         case None:
@@ -154,22 +150,5 @@ def _leaf(key: str, only: str, field: FieldInfo, members: list[Any], metadata: l
     return Key(key, only, kind, unit(field), default, limits, meaning)
 
 
-def _quoted(names: Iterable[str]) -> str:
-    return ", ".join(f'"{name}"' for name in names)
-
-
 def _toml(value: Any) -> str:
-    match value:
-        case None:
-            return ""
-        case bool():
-            return str(value).lower()
-        case float():
-            return number_text(value)
-        case str():
-            return f'"{value}"'
-    return str(value)
-
-
-def _tables(annotation: Any) -> list[type[Table]]:
-    return [member for member in split(annotation)[0] if isinstance(member, type) and issubclass(member, Table)]
+    return "" if value is None else short(value)

@@ -34,17 +34,20 @@ class Elastic(Table, ABC):
     A material's `material` field is its name. Numbers that are fields become parameters of the scene.
     """
 
+    volume_constants: ClassVar[tuple[str, ...]] = ()
+    """Names of the constants that an incompressible solid does not have."""
+
     density: Density = Field(description="density in the reference configuration, kg/m^3")
 
     @property
     def mixed(self) -> bool:
         """Whether the solid has a pressure of its own as an unknown."""
-        return False
+        return getattr(self, "formulation", "displacement") != "displacement"
 
     @property
     def incompressible(self) -> bool:
         """Whether J = 1."""
-        return False
+        return getattr(self, "formulation", "displacement") == "incompressible"
 
     @property
     @abstractmethod
@@ -71,17 +74,10 @@ class Elastic(Table, ABC):
             "bulk_modulus": lame_lambda + 2 / 3 * mu,
         }
 
-    @classmethod
-    def unused_constants(cls, formulation: object) -> tuple[str, ...]:
-        """Return the names of the constants that the material does not have with this formulation."""
-        return ()
-
 
 class WithFormulation(Elastic):
     """A solid that can have a pressure of its own."""
 
-    volume_constants: ClassVar[tuple[str, ...]]
-    """Names of the constants that an incompressible solid does not have."""
     follows: ClassVar[tuple[str, ...]] = ("formulation",)
 
     formulation: Literal["displacement", "mixed", "incompressible"] = Field(
@@ -95,24 +91,8 @@ class WithFormulation(Elastic):
     def _choose(self) -> Self:
         # Beyond rounding: 0.49 itself also where it is given by Lame's constants.
         if "formulation" not in self.model_fields_set and self.young_poisson[1] > NEARLY_INCOMPRESSIBLE - 1e-9:
-            # Still under construction: the only place where a value of a solid is set.
-            object.__setattr__(self, "formulation", "mixed")
+            self.fill(formulation="mixed")
         return self
-
-    @property
-    def mixed(self) -> bool:
-        """Whether the solid has a pressure of its own as an unknown."""
-        return self.formulation != "displacement"
-
-    @property
-    def incompressible(self) -> bool:
-        """Whether J = 1."""
-        return self.formulation == "incompressible"
-
-    @classmethod
-    def unused_constants(cls, formulation: object) -> tuple[str, ...]:
-        """Return the names of the constants that the material does not have with this formulation."""
-        return cls.volume_constants if formulation == "incompressible" else ()
 
 
 class CompressibleElastic(Elastic):

@@ -5,25 +5,36 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
+from html import escape
 from typing import Any, ClassVar, Self
 
 import numpy as np
+import tomli_w
 from numpy.typing import ArrayLike, NDArray
 from pydantic import ConfigDict, Field, ValidationInfo, field_validator, model_validator
 
-from ffsi.scene import summary, together
+from ffsi.scene import together
 from ffsi.scene.base import Table, refuse
 from ffsi.scene.boundaries import Boundary
 from ffsi.scene.errors import Problem, SceneError, join, names, nearest, short
-from ffsi.scene.flow import WOMERSLEY, Forces, Inflow, velocity_problems, with_mean_velocity
+from ffsi.scene.flow import (
+    WOMERSLEY,
+    Forces,
+    Gravity,
+    Inflow,
+    Support,
+    Traction,
+    velocity_problems,
+    with_mean_velocity,
+)
 from ffsi.scene.fluids import Fluid, PowerLaw
 from ffsi.scene.geometry import ChannelGeometry, FlapChannel, Geometry, GeometryBase, MeshGeometry, Physics
-from ffsi.scene.loads import Gravity, Support, Traction
 from ffsi.scene.materials import Solid
 from ffsi.scene.numerics import MOTIONS, SIZES, Mesh, MeshMotion, Output, Solver
 from ffsi.scene.outlet import Outlet
 from ffsi.scene.time import Time
-from ffsi.scene.toml import parse_toml, write_toml
+from ffsi.scene.toml import parse_toml
+from ffsi.scene.validation import unit
 
 MAX_DESCRIPTION = 200
 STEP_DEFAULTS: dict[str, str | float] = {"step": "condensed", "step_tolerance": 1e-6}
@@ -120,18 +131,18 @@ class Scene(Table):
         ]
         refuse([problem for group in problems for problem in group])
         if self.inflow and isinstance(self.geometry, ChannelGeometry) and self.inflow.mean_velocity is None:
-            self._fill("inflow", with_mean_velocity(self.inflow, self.geometry.inlet.height))
+            self.fill(inflow=with_mean_velocity(self.inflow, self.geometry.inlet.height))
         missing = self._missing_of_mesh()
         if missing:
-            self._fill("mesh", self.mesh.filled(missing))
+            self.fill(mesh=self.mesh.filled(missing))
         if isinstance(self.geometry, ChannelGeometry) and self.fluid and self.forces is None:
-            self._fill("forces", Forces(reference_length=self.geometry.reference_length))
+            self.fill(forces=Forces(reference_length=self.geometry.reference_length))
         if self.fluid and self.solid:
-            self._fill("mesh_motion", (self.mesh_motion or MeshMotion()).of_scene(self.steady))
+            self.fill(mesh_motion=(self.mesh_motion or MeshMotion()).of_scene(self.steady))
         if self.time:
             missing_step = {key: value for key, value in STEP_DEFAULTS.items() if getattr(self.solver, key) is None}
             if missing_step:
-                self._fill("solver", self.solver.model_copy(update=missing_step))
+                self.fill(solver=self.solver.model_copy(update=missing_step))
         return self
 
     def _missing_of_mesh(self) -> dict[str, float]:
@@ -139,10 +150,6 @@ class Scene(Table):
         if default is None:  # the mesh is that of a file, level 0
             return {} if "level" in self.mesh.model_fields_set else {"level": 0}
         return {key: default[key] for key in SIZES if getattr(self.mesh, key) is None}
-
-    def _fill(self, key: str, value: Table) -> None:
-        # Still under construction: the only place where a table of a scene is set.
-        object.__setattr__(self, key, value)
 
     def _physics_problems(self) -> Iterator[Problem]:
         if not isinstance(self.geometry, ChannelGeometry):
@@ -300,11 +307,8 @@ class Scene(Table):
 
     def parameters(self) -> dict[str, int | float]:
         """Return every number of the scene by its dotted key, in SI, in the scene's order."""
-        found = {}
-        for key, value in _leaves(self.model_dump()):
-            if isinstance(value, int | float) and not isinstance(value, bool):
-                found[key] = value
-        return found
+        leaves = _leaves(self.model_dump())
+        return {key: value for key, value in leaves if isinstance(value, int | float) and not isinstance(value, bool)}
 
     def words(self) -> dict[str, str]:
         """Return every word and formula of the scene by its dotted key, but not its name and description."""
@@ -322,12 +326,18 @@ class Scene(Table):
 
     def __repr__(self) -> str:
         """Return every table that the scene has, with the units of its values."""
-        return summary.text(self.heading, self)
+        rows = list(_rows(self))
+        width = max(len(name) for name, _ in rows)
+        return "\n".join([self.heading, *(f"  {name:<{width}}  {values}" for name, values in rows)])
 
     __str__ = __repr__
 
     def _repr_html_(self) -> str:
-        return summary.html(self.heading, self)
+        left = 'style="text-align:left"'
+        rows = (
+            f"<tr><th {left}>{escape(name)}</th><td {left}>{escape(values)}</td></tr>" for name, values in _rows(self)
+        )
+        return f"<p><b>{escape(self.heading)}</b></p><table>{''.join(rows)}</table>"
 
     # TOML ---------------------------------------------------------------------------------------------------------
 
@@ -343,7 +353,7 @@ class Scene(Table):
     def to_toml(self) -> str:
         """Return the whole scene, defaults included; `from_toml` reads an equal one."""
         table = self.model_dump(exclude_none=True)
-        return write_toml({key: value for key, value in table.items() if value != {}})
+        return tomli_w.dumps({key: value for key, value in table.items() if value != {}})
 
 
 def _unknown_solid(name: str, geometry: GeometryBase) -> Problem:
@@ -366,6 +376,28 @@ def _leaves(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, A
             yield from _leaves(value, key)
         else:
             yield key, value
+
+
+def _rows(scene: Table) -> Iterator[tuple[str, str]]:
+    """Yield the name of each table of a scene, and its values with their units."""
+    for name in type(scene).model_fields:
+        value = getattr(scene, name)
+        tables = value if isinstance(value, Mapping) else {"": value}
+        for inner, table in tables.items():
+            if isinstance(table, Table):
+                yield join(name, inner), ", ".join(_values(table))
+
+
+def _values(table: Table, prefix: str = "") -> Iterator[str]:
+    for name, field in type(table).model_fields.items():
+        key, value = join(prefix, name), getattr(table, name)
+        if isinstance(value, Table):
+            yield from _values(value, key)
+        elif isinstance(value, Mapping):
+            for inner, item in value.items():
+                yield from _values(item, join(key, inner)) if isinstance(item, Table) else [f"{inner} {short(item)}"]
+        elif value is not None:
+            yield f"{key} {short(value)} {unit(field)}".rstrip()
 
 
 def boundaries(scene: Scene) -> list[Boundary]:

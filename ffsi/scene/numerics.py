@@ -85,8 +85,7 @@ class MeshMotion(Table):
     @model_validator(mode="after")
     def _weigh(self) -> Self:
         if "divergence_weight" not in self.model_fields_set:
-            # Still under construction: the only place where a value of a mesh motion is set.
-            object.__setattr__(self, "divergence_weight", self.law.divergence_weight)
+            self.fill(divergence_weight=self.law.divergence_weight)
         return self
 
     @property

@@ -107,7 +107,8 @@ def _adapt_solid(prefix: str, solid: Elastic, values: Mapping[str, Any], table: 
     material = MATERIALS.get(name, type(solid)) if isinstance(name, str) else type(solid)
     for key in table.keys() - material.model_fields.keys():
         del table[key]
-    unused = material.unused_constants(values.get(prefix + "formulation", table.get("formulation")))
+    formulation = values.get(prefix + "formulation", table.get("formulation"))
+    unused = material.volume_constants if formulation == "incompressible" else ()
     for key in unused:
         table.pop(key, None)
     if not (isinstance(solid, CompressibleElastic) and issubclass(material, CompressibleElastic)):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from typing import Annotated, Literal, Self
 
@@ -15,8 +14,6 @@ from ffsi.scene.units import Duration, Quantity, Rate
 
 MAX_STEPS = 1e9
 """Steps that fit into a computation, at most; a smaller step would be lost in the rounding of the time."""
-SMALLEST_STEP = 1e-3
-"""What `time.smallest_step` is where it is not given, as a part of `time.step`."""
 
 
 class Time(Table):
@@ -84,21 +81,3 @@ class Time(Table):
             case "crank-nicolson":
                 return 0.5
         return min(1.0, 0.5 + self.shift * step)
-
-    @property
-    def theta(self) -> float:
-        """Weight of the new time level for the full step, 1/2 to 1, dimensionless."""
-        return self.theta_of(self.step)
-
-    @property
-    def least_step(self) -> float:
-        """Smallest step in s that the adaptive choice may take; `step` without it."""
-        if not self.adaptive:
-            return self.step
-        return SMALLEST_STEP * self.step if self.smallest_step is None else self.smallest_step
-
-    @property
-    def steps(self) -> int:
-        """Number of full steps (the last may be shorter) from 0 to the end."""
-        # A quotient such as 10/0.005 must not be rounded up.
-        return math.ceil(self.end / self.step * (1.0 - 1e-12))

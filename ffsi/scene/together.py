@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any, get_args
 
-from ffsi.scene.annotations import literals
 from ffsi.scene.flow import WAVEFORMS, WOMERSLEY
 from ffsi.scene.geometry import ChannelGeometry, Geometry, GeometryBase, MeshGeometry
 from ffsi.scene.json_schema import Rule, absent, at, equals, every, given, some, when
 from ffsi.scene.numerics import MOTIONS, SIZES
+from ffsi.scene.validation import literals
 from ffsi.scene.waveforms import named_waveforms
 
 OF_FLUID = ("fluid", "mesh_motion", "inflow", "outlet", "forces")

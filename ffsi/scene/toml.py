@@ -1,4 +1,4 @@
-"""TOML text to tables and back."""
+"""From TOML text to tables and values."""
 
 from __future__ import annotations
 
@@ -6,8 +6,6 @@ import re
 import tomllib
 from collections.abc import Mapping
 from typing import Any
-
-import tomli_w
 
 from ffsi.scene.errors import Problem, SceneError
 from ffsi.text import cut
@@ -28,19 +26,18 @@ def parse_toml(text: str, source: str = "TOML") -> dict[str, Any]:
     """
     try:
         table = tomllib.loads(text)
-        _refuse_bombs(table)
-        return table
+        reason = _excess(table)
     except tomllib.TOMLDecodeError as error:
         found = _PLACE.fullmatch(str(error))
         reason, place = found.groups() if found else (str(error), "end of document")
         if place == "end of document":
             place = f"line {text.count(chr(10)) + 1}, the end"
         raise SceneError([Problem(source, f"not valid TOML at {place}: {cut(reason, 300)}")]) from None
-    except (ValueError, RecursionError) as error:
-        reason = (
-            str(error) if isinstance(error, _BombError) else "a number has too many digits, or the nesting is too deep"
-        )
-        raise SceneError([Problem(source, f"not accepted: {reason}")]) from None
+    except (ValueError, RecursionError):
+        reason = "a number has too many digits, or the nesting is too deep"
+    if reason:
+        raise SceneError([Problem(source, f"not accepted: {reason}")])
+    return table
 
 
 def parse_value(text: str) -> Any:
@@ -55,27 +52,19 @@ def parse_value(text: str) -> Any:
         raise ValueError("the nesting is too deep") from None
     if set(table) != {"value"}:
         raise ValueError("more than one value")
-    _refuse_bombs(table)
+    if reason := _excess(table):
+        raise ValueError(reason)
     return table["value"]
 
 
-class _BombError(ValueError):
-    """Far more than a scene can be made of."""
-
-
-def _refuse_bombs(table: Mapping[str, Any]) -> None:
-    """Raise unless tables and lists are few and flat: what handles them later goes through them again and again."""
+def _excess(table: Mapping[str, Any]) -> str | None:
+    """Return what is too much in tables and lists: what handles them later goes through them again and again."""
     level: list[Any] = [table]
     for _ in range(MAX_DEPTH):
         inner = [list(item.values()) if isinstance(item, dict) else item for item in level]
         if sum(len(values) for item, values in zip(level, inner, strict=True) if isinstance(item, dict)) > MAX_KEYS:
-            raise _BombError(f"more than {MAX_KEYS} keys")
+            return f"more than {MAX_KEYS} keys"
         level = [value for values in inner for value in values if isinstance(value, dict | list)]
         if not level:
-            return
-    raise _BombError(f"more than {MAX_DEPTH} tables or lists within each other")
-
-
-def write_toml(table: Mapping[str, Any]) -> str:
-    """Return the tables as TOML text."""
-    return tomli_w.dumps(table)
+            return None
+    return f"more than {MAX_DEPTH} tables or lists within each other"

@@ -6,6 +6,7 @@ import functools
 import math
 import numbers
 import re
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from decimal import Decimal
@@ -63,9 +64,6 @@ def to_si(text: str, unit: str) -> float:
         text: number and unit, such as "3.5 mPa s", "1 g/cm^3" or "0.012 m/s".
         unit: the SI unit of the result, such as "Pa s".
 
-    Returns:
-        The value in ``unit``.
-
     Raises:
         ValueError: the text is no number with a unit, the unit is unknown or has another dimension.
     """
@@ -91,16 +89,37 @@ def to_si(text: str, unit: str) -> float:
         raise ValueError(f'"{given}" cannot be converted to {unit}') from None
 
 
+class Checked(ABC):
+    """Annotation of a field: how its values are checked."""
+
+    @property
+    @abstractmethod
+    def accepted(self) -> str:
+        """Description of the values that are accepted."""
+
+    @abstractmethod
+    def __call__(self, value: Any) -> Any:
+        """Return a value as the field has it.
+
+        Raises:
+            PydanticCustomError: it is not accepted.
+        """
+
+    def refused(self, reason: str | None = None) -> PydanticCustomError:
+        """Return the error of a value."""
+        accepted = f"accepted: {self.accepted}"
+        return PydanticCustomError("refused", "{text}", {"text": f"{reason}; {accepted}" if reason else accepted})
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        """Let pydantic check the field by this object."""
+        return core_schema.no_info_plain_validator_function(cast(Callable[[Any], Any], self))
+
+
 @dataclass(frozen=True)
-class Quantity:
+class Quantity(Checked):
     """Annotation of a float field: its SI unit and the range that is accepted.
 
-    Args:
-        unit: SI unit, "1" for a number without dimension, "Pa s^m" where m is a value of the scene.
-        above: exclusive lower bound in ``unit``.
-        at_least: inclusive lower bound in ``unit``.
-        below: exclusive upper bound in ``unit``.
-        at_most: inclusive upper bound in ``unit``.
+    The unit is "1" for a number without dimension, "Pa s^m" where m is a value of the scene; bounds are in it.
     """
 
     unit: str
@@ -125,27 +144,23 @@ class Quantity:
         return f"{text} in {self.unit}" + (f', or a string with a unit such as "{example}"' if example else "")
 
     def __call__(self, value: Any) -> float:
-        """Return the value in SI.
-
-        Raises:
-            PydanticCustomError: it is no finite number, has a wrong dimension or is out of range.
-        """
+        """Return the value in SI; refuse what is no finite number, has a wrong dimension or is out of range."""
         if isinstance(value, str):
             if self.unit not in _EXAMPLES:
-                raise self._refused("text is not accepted here")
+                raise self.refused("text is not accepted here")
             try:
                 number = to_si(value, self.unit)
             except ValueError as error:
-                raise self._refused(str(error)) from None
+                raise self.refused(str(error)) from None
         elif isinstance(value, bool) or not isinstance(value, numbers.Real):
-            raise self._refused("not a number")
+            raise self.refused("not a number")
         else:
             try:
                 number = float(value)
             except OverflowError:
-                raise self._refused("too large") from None
+                raise self.refused("too large") from None
         if not math.isfinite(number):
-            raise self._refused("not a finite number")
+            raise self.refused("not a finite number")
         inside = (
             (self.above is None or number > self.above)
             and (self.at_least is None or number >= self.at_least)
@@ -153,15 +168,8 @@ class Quantity:
             and (self.at_most is None or number <= self.at_most)
         )
         if not inside:
-            raise self._refused("out of range")
+            raise self.refused("out of range")
         return number
-
-    def _refused(self, reason: str) -> PydanticCustomError:
-        return PydanticCustomError("quantity", "{text}", {"text": f"{reason}; accepted: {self.accepted}"})
-
-    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        """Let pydantic validate the field by this object."""
-        return core_schema.no_info_plain_validator_function(cast(Callable[[Any], float], self))
 
     def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
         """Return the JSON schema: a number in the range, or a text that may be one with a unit."""
@@ -180,7 +188,7 @@ class Quantity:
 
 
 @dataclass(frozen=True)
-class Count:
+class Count(Checked):
     """Annotation of a whole-number field with inclusive bounds."""
 
     minimum: int
@@ -192,21 +200,13 @@ class Count:
         return f"a whole number from {self.minimum} to {self.maximum}"
 
     def __call__(self, value: Any) -> int:
-        """Return the value as int; 2.0 counts as 2.
-
-        Raises:
-            PydanticCustomError: it is no whole number or out of range.
-        """
+        """Return the value as int; 2.0 counts as 2."""
         is_whole = isinstance(value, int) or (isinstance(value, numbers.Real) and float(value).is_integer())
         if isinstance(value, bool) or not is_whole:
-            raise PydanticCustomError("count", "{text}", {"text": f"not a whole number; accepted: {self.accepted}"})
+            raise self.refused("not a whole number")
         if not self.minimum <= value <= self.maximum:
-            raise PydanticCustomError("count", "{text}", {"text": f"out of range; accepted: {self.accepted}"})
+            raise self.refused("out of range")
         return int(value)
-
-    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        """Let pydantic validate the field by this object."""
-        return core_schema.no_info_plain_validator_function(cast(Callable[[Any], int], self))
 
     def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
         """Return the JSON schema."""

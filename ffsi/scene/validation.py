@@ -1,23 +1,58 @@
-"""From pydantic's validation errors to problems in the words of the scene."""
+"""What the models say of their fields, and from pydantic's validation errors to problems in the words of the scene."""
 
 from __future__ import annotations
 
 import re
+import types
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Any, get_args, get_origin
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
+from pydantic.fields import FieldInfo
+from pydantic_core import ErrorDetails
 
-from ffsi.scene.annotations import literals, members
 from ffsi.scene.errors import SHOWN_PROBLEMS, Problem, join, names, nearest, short
-
-if TYPE_CHECKING:
-    from pydantic_core import ErrorDetails
+from ffsi.scene.units import Quantity
 
 Model = type[BaseModel]
 
 # The keys that choose one model of a union.
 _TAGS = ("kind", "material", "law")
+
+
+# What the annotation of a field says ---------------------------------------------------------------------------------
+
+
+def members(annotation: Any) -> tuple[list[Any], list[Any]]:
+    """Return the alternatives of an annotation without None, and what `Annotated` adds to them."""
+    if get_origin(annotation) is Annotated:
+        inner, *said = get_args(annotation)
+        found, more = members(inner)
+        return found, [*said, *more]
+    if get_origin(annotation) in (Union, types.UnionType):
+        parts = [members(part) for part in get_args(annotation) if part is not types.NoneType]
+        return [item for found, _ in parts for item in found], [item for _, more in parts for item in more]
+    return [annotation], []
+
+
+def of_field(field: FieldInfo) -> tuple[list[Any], list[Any]]:
+    """Return the same of a field of a model."""
+    found, said = members(field.annotation)
+    return found, [*field.metadata, *said]
+
+
+def literals(annotation: Any) -> list[str]:
+    """Return the names of a `Literal`; of anything else none."""
+    return list(get_args(annotation)) if get_origin(annotation) is Literal else []
+
+
+def unit(field: FieldInfo) -> str:
+    """Return the SI unit of a number; empty for one without dimension and for everything else."""
+    found = next((item.unit for item in of_field(field)[1] if isinstance(item, Quantity)), "1")
+    return "" if found == "1" else found
+
+
+# Errors --------------------------------------------------------------------------------------------------------------
 
 
 def scene_problems(error: ValidationError, root: Model) -> list[Problem]:
@@ -69,15 +104,7 @@ def _unknown_name(key: str, value: Any, accepted: list[str]) -> Problem:
 
 
 def _unknown_key(key: str, value: Any, table: Model | None, root: Model, above: Sequence[Model]) -> Problem:
-    """Return the problem of a key that the table does not have.
-
-    Args:
-        key: dotted key.
-        value: its value.
-        table: the model that should hold the key.
-        root: the model of the whole.
-        above: the models two steps up; several where the table is one of a union.
-    """
+    """Return the problem of a key that a table of the root does not have; above it several, if it is one of a union."""
     prefix, _, name = key.rpartition(".")
     siblings = list(table.model_fields) if table else []
     where = f'"{prefix}"' if prefix else "the scene"
@@ -107,7 +134,8 @@ def _quoted(text: str) -> list[str]:
 # Walking along a location through the models ------------------------------------------------------------------
 
 
-def _models(annotation: Any) -> list[Model]:
+def models(annotation: Any) -> list[Model]:
+    """Return the models among the alternatives of an annotation."""
     return [member for member in members(annotation)[0] if isinstance(member, type) and issubclass(member, BaseModel)]
 
 
@@ -119,21 +147,21 @@ def _walk(root: Model, location: tuple[int | str, ...]) -> Iterator[tuple[list[s
     """Yield the dotted key and the possible models after each step; tags of unions are no keys."""
     key: list[str] = []
     annotation: Any = root
-    yield key, _models(annotation)
+    yield key, models(annotation)
     for item in location:
-        models = _models(annotation)
-        tagged = [model for model in models if any(item in _literals(model, tag) for tag in _TAGS)]
-        if len(models) > 1 and tagged:
+        found = models(annotation)
+        tagged = [model for model in found if any(item in _literals(model, tag) for tag in _TAGS)]
+        if len(found) > 1 and tagged:
             annotation = tagged[0]
         else:
             key = [*key, str(item)]
-            if models:
-                field = models[0].model_fields.get(str(item)) if len(models) == 1 else None
+            if found:
+                field = found[0].model_fields.get(str(item)) if len(found) == 1 else None
                 annotation = field.annotation if field else None
             else:
                 tables = [member for member in members(annotation)[0] if get_origin(member) is dict]
                 annotation = get_args(tables[0])[1] if tables else None
-        yield key, _models(annotation)
+        yield key, models(annotation)
 
 
 def _locate(root: Model, location: tuple[int | str, ...]) -> tuple[str, Model | None]:
@@ -150,5 +178,5 @@ def _models_at(root: Model, location: tuple[int | str, ...]) -> list[Model]:
 def _all_keys(model: Model, prefix: str = "") -> Iterator[str]:
     for name, field in model.model_fields.items():
         yield join(prefix, name)
-        for inner in _models(field.annotation):
+        for inner in models(field.annotation):
             yield from _all_keys(inner, join(prefix, name))

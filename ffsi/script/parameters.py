@@ -103,8 +103,8 @@ def units_of(scene: Scene, parameters: Sequence[Parameter]) -> dict[str, Any]:
         volumes = {
             f"solid.{name}.{constant}"
             for name, solid in scene.solid.items()
-            if getattr(solid, "formulation", "displacement") != "displacement"
-            for constant in getattr(solid, "volume_constants", ())
+            if solid.mixed
+            for constant in solid.volume_constants
         }
         keys = [p for p in parameters if p.key.startswith("solid.") and _unit(p) == "Pa" and p.key not in volumes]
         return found | {"unit_of_stiffness": _largest([p.variable for p in keys])}

@@ -10,7 +10,7 @@ import re
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
@@ -19,8 +19,9 @@ from ffsi.scene.boundaries import STRUTS
 from ffsi.scene.flow import WOMERSLEY
 from ffsi.scene.geometry import ChannelGeometry
 from ffsi.scene.geometry.mesh import STORED
-from ffsi.scene.materials import CompressibleElastic, Elastic, WithFormulation
+from ffsi.scene.materials import CompressibleElastic, Elastic
 from ffsi.scene.units import Count, Quantity
+from ffsi.scene.validation import of_field
 from ffsi.script import flux_tables
 from ffsi.script.parameters import OF_CONSISTENCY, Parameter, units_of
 
@@ -41,19 +42,11 @@ def limits(scene: Scene, key: str) -> Quantity | Count:
     table: Any = scene
     for name in path:
         table = table[name] if isinstance(table, dict) else getattr(table, name)
-    field = type(table).model_fields[last]
-    pending = [*field.metadata, field.annotation]
-    while pending:
-        item = pending.pop()
-        if isinstance(item, Quantity | Count):
-            return item
-        pending += [*getattr(item, "__metadata__", ()), *get_args(item)]
-    raise TypeError(f"{key} has no limits: its type must be one of ffsi.scene.units")
-
-
-def parameter_flags(scene: Scene) -> dict[str, float | int]:
-    """Return flag name -> value of every run-time parameter, SI units."""
-    return {parameter.flag: parameter.value for parameter in parameters(scene)}
+    said = of_field(type(table).model_fields[last])[1]
+    found = next((item for item in said if isinstance(item, Quantity | Count)), None)
+    if found is None:
+        raise TypeError(f"{key} has no limits: its type must be one of ffsi.scene.units")
+    return found
 
 
 def is_runtime_parameter(scene: Scene, key: str) -> bool:
@@ -342,7 +335,7 @@ def _solid(scene: Scene, name: str, region: int) -> dict[str, Any]:
     prefix = f"solid{name.capitalize()}"
     title = "".join(word.capitalize() for word in law.material.split("-"))
     constants = _constants(prefix, law)
-    without = law.volume_constants if law.mixed and isinstance(law, WithFormulation) else ()
+    without = law.volume_constants if law.mixed else ()
     return {
         "key": name,
         "mixed": law.mixed,

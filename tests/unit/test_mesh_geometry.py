@@ -15,7 +15,7 @@ from ffsi.result.sweep_definition import define
 from ffsi.scene import MeshGeometry, Scene, SceneError, boundaries, load_scene, stored
 from ffsi.scene.geometry.mesh import STORED, TAKEN
 from ffsi.scene.meshes.topology import Topology, refuse_overlaps
-from ffsi.script.render import parameter_flags, render
+from ffsi.script.render import parameters, render
 
 NUMBERS = {
     "regions": {"fluid": 1, "wall": 2},
@@ -84,7 +84,7 @@ def test_tip_and_probes_of_the_scene(tmp_path) -> None:
     script = render(scene)
     assert 'probeName = ["middle"]' in script
     assert "probeX = [geometryProbesMiddleX], probeY = [geometryProbesMiddleY]" in script
-    assert {"geometry_tip_x", "geometry_probes_middle_y"} < parameter_flags(scene).keys()
+    assert {"geometry_tip_x", "geometry_probes_middle_y"} < {parameter.flag for parameter in parameters(scene)}
 
 
 FORMATS = [
@@ -246,8 +246,8 @@ def test_a_support_holds_the_wall(tmp_path) -> None:
 
 def test_levels(scene, tmp_path) -> None:
     assert load_scene(tmp_path / "scene.toml", ["mesh.level=2"]).mesh.level == 2
-    assert "mesh_size_factor" not in parameter_flags(scene)
-    assert "mesh_level" in parameter_flags(scene)
+    flags = {parameter.flag for parameter in parameters(scene)}
+    assert ("mesh_size_factor" in flags, "mesh_level" in flags) == (False, True)
 
 
 # Overlaps -----------------------------------------------------------------------------------------------------------

@@ -7,7 +7,7 @@ import pytest
 
 from ffsi.scene import CASES, SceneError, load_scene
 from ffsi.scene.expressions import Expression
-from ffsi.script.render import PYTHON_ONLY, is_runtime_parameter, parameter_flags, parameters, render
+from ffsi.script.render import PYTHON_ONLY, is_runtime_parameter, parameters, render
 
 EDP = Path(__file__).parents[2] / "edp"
 FLUID = [name for name, scene in CASES.items() if scene.physics == "fluid"]
@@ -237,7 +237,7 @@ def test_code_is_no_profile(formula):
 @pytest.mark.parametrize("case", CASES)
 def test_the_flags_are_the_numbers_of_the_scene(case):
     scene = load_scene(case, [])
-    flags = parameter_flags(scene)
+    flags = {parameter.flag: parameter.value for parameter in parameters(scene)}
     expected = {key.replace(".", "_"): value for key, value in scene.parameters().items() if key not in PYTHON_ONLY}
     assert flags == expected
     text = render(scene)
@@ -262,7 +262,7 @@ def test_values_are_defaults_of_the_script():
 
 def test_the_time_limit_stays_in_python():
     scene = load_scene("turek-csm1", ["solver.time_limit=5"])
-    assert "solver_time_limit" not in parameter_flags(scene)
+    assert "solver_time_limit" not in {parameter.flag for parameter in parameters(scene)}
     assert render(scene) == script("turek-csm1")
 
 

@@ -7,11 +7,10 @@ import pytest
 from pydantic import ValidationError
 
 from ffsi.scene import CASES, Newtonian, Scene, load_scene, with_values
-from ffsi.scene.flow import Inflow
+from ffsi.scene.flow import Inflow, Traction
 from ffsi.scene.geometry import FlapChannel
 from ffsi.scene.geometry.channel_cylinder import Beam, ChannelCylinder
 from ffsi.scene.geometry.solids import Cantilever, CookMembrane
-from ffsi.scene.loads import Traction
 from ffsi.scene.materials import StVenantKirchhoff
 from ffsi.scene.outlet import Outlet
 

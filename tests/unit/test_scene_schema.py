@@ -9,7 +9,7 @@ from jsonschema import Draft202012Validator
 from vessel_meshes import scene_table, vessel
 
 from ffsi.scene import CASES, Scene, SceneError
-from ffsi.scene.catalogue import FOLDER
+from ffsi.scene.files import FOLDER
 from ffsi.scene.keys import scene_keys
 from ffsi.scene.units import Count, Length, Quantity
 

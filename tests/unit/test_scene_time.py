@@ -11,26 +11,13 @@ from ffsi.scene.time import Time
 
 
 def test_theta_of_the_schemes() -> None:
-    assert Time(step="5 ms", end=1).theta == 0.505
-    assert Time(step=0.1, end=1, shift=2).theta == 0.7
+    assert Time(step="5 ms", end=1).theta_of(0.005) == 0.505
+    assert Time(step=0.1, end=1, shift=2).theta_of(0.1) == 0.7
     assert Time(step=0.1, end=1, shift=2).theta_of(0.05) == 0.6
-    assert Time(step=10, end=10).theta == 1.0
-    assert Time(step=0.1, end=1, shift=0).theta == 0.5
-    assert Time(step=0.1, end=1, scheme="crank-nicolson").theta == 0.5
+    assert Time(step=10, end=10).theta_of(10) == 1.0
+    assert Time(step=0.1, end=1, shift=0).theta_of(0.1) == 0.5
+    assert Time(step=0.1, end=1, scheme="crank-nicolson").theta_of(0.1) == 0.5
     assert Time(step=0.1, end=1, scheme="backward-euler").theta_of(0.01) == 1.0
-
-
-@pytest.mark.parametrize(
-    ("step", "end", "steps"), [(0.005, 10, 2000), (0.1, 0.3, 3), (0.1, 0.31, 4), (0.01, 15, 1500), (0.1, 0.1, 1)]
-)
-def test_number_of_steps(step: float, end: float, steps: int) -> None:
-    assert Time(step=step, end=end).steps == steps
-
-
-def test_smallest_step() -> None:
-    assert Time(step=0.1, end=1).least_step == 0.1
-    assert Time(step=0.1, end=1, adaptive=True).least_step == pytest.approx(1e-4)
-    assert Time(step=0.1, end=1, adaptive=True, smallest_step=0.1).least_step == 0.1
 
 
 @pytest.mark.parametrize("case", CASES.steady)

@@ -10,7 +10,7 @@ from pydantic import BaseModel
 from ffsi.scene import Newtonian, Scene, SceneError
 from ffsi.scene.numerics import Solver
 from ffsi.scene.units import Quantity, to_si
-from ffsi.scene.validation import _models
+from ffsi.scene.validation import models
 
 
 @pytest.mark.parametrize(
@@ -75,9 +75,9 @@ def test_no_number(value: Any) -> None:
 def fields(model: type[BaseModel], prefix: str = "") -> Iterator[tuple[str, Any]]:
     for name, field in model.model_fields.items():
         yield prefix + name, field
-        inner = _models(field.annotation)
+        inner = models(field.annotation)
         if field.annotation is not None and str(field.annotation).startswith("dict"):
-            inner = _models(field.annotation.__args__[1])
+            inner = models(field.annotation.__args__[1])
         for table in inner:
             yield from fields(table, f"{prefix}{name}.")
 

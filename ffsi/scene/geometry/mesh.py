@@ -11,14 +11,14 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 import numpy as np
 from pydantic import (
     Field,
-    GetCoreSchemaHandler,
     GetJsonSchemaHandler,
+    PlainSerializer,
     PrivateAttr,
     ValidationInfo,
     field_validator,
     model_validator,
 )
-from pydantic_core import CoreSchema, PydanticCustomError, core_schema
+from pydantic_core import CoreSchema
 
 from ffsi.scene.base import Table, refuse
 from ffsi.scene.boundaries import OUTLET, Boundary
@@ -26,7 +26,7 @@ from ffsi.scene.errors import Problem, SceneError, join, names, number_text, sho
 from ffsi.scene.geometry.base import ChannelGeometry, Inlet, Physics
 from ffsi.scene.meshes.building import DomainMesh, domain_mesh, stored_naming, write_medit
 from ffsi.scene.meshes.curves import Naming
-from ffsi.scene.units import Coordinate, to_si
+from ffsi.scene.units import Checked, Coordinate, to_si
 
 STORED = "geometry.mesh"
 """Name of the mesh in a run folder, where FreeFEM and Python read it."""
@@ -36,28 +36,17 @@ _NAME = re.compile(r"[a-z][a-z0-9]{0,29}")
 TAKEN = ("fluid", "tip", "surface", "coefficient")
 
 
-class _GroupNames:
-    """Annotation of a field: names or numbers of groups in the mesh file, one or a list."""
+class _GroupNames(Checked):
+    """Names or numbers of groups in the mesh file, one or a list."""
 
     accepted = "a name or a number of the mesh, or a list of them"
 
     def __call__(self, value: Any) -> tuple[str, ...]:
-        """Return the names as a tuple, numbers as text.
-
-        Raises:
-            PydanticCustomError: it is something else, or a list without an entry.
-        """
+        """Return the names as a tuple, numbers as text."""
         items = tuple(value) if isinstance(value, list | tuple) else (value,)
         if not items or any(isinstance(item, bool) or not isinstance(item, str | int) for item in items):
-            raise PydanticCustomError("names", "{text}", {"text": f"accepted: {self.accepted}"})
+            raise self.refused()
         return tuple(str(item) for item in items)
-
-    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        """Let pydantic validate the field by this object, and write a single name without a list."""
-        short_form = core_schema.plain_serializer_function_ser_schema(
-            lambda names: names[0] if len(names) == 1 else names
-        )
-        return core_schema.no_info_plain_validator_function(self, serialization=short_form)
 
     def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
         """Return the JSON schema."""
@@ -65,7 +54,10 @@ class _GroupNames:
         return {"anyOf": [one, {"type": "array", "items": one, "minItems": 1}]}
 
 
-GroupNames = Annotated[tuple[str, ...], _GroupNames()]
+# A single name is written without a list.
+GroupNames = Annotated[
+    tuple[str, ...], _GroupNames(), PlainSerializer(lambda names: names[0] if len(names) == 1 else names)
+]
 
 
 class MeshBoundaries(Table):
@@ -159,7 +151,7 @@ class MeshGeometry(ChannelGeometry):
         refuse(list(self._point_problems()))
         if self.tip is None and self.solid_names:
             x, y = self._mesh.far_point
-            object.__setattr__(self, "tip", Point(x=x, y=y))
+            self.fill(tip=Point(x=x, y=y))
         return self
 
     def _missing(self) -> Iterator[Problem]:
