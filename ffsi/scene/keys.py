@@ -131,10 +131,10 @@ def _leaf(key: str, only: str, field: FieldInfo, members: list[Any], metadata: l
     words = [word for member in members for word in literals(member)]
     rule = next((item for item in metadata if hasattr(item, "accepted")), None)
     match rule:
-        case Quantity():
-            kind, limits = "number", rule.bounds
         case Count():
-            kind, limits = "whole number", f"{rule.minimum} to {rule.maximum}"
+            kind, limits = "whole number", f"{rule.at_least} to {rule.at_most}"
+        case Quantity():
+            kind, limits = "number", rule.range
         case None if words:
             kind, limits = "text", names(words)
         case None if any(get_origin(member) is tuple for member in members):

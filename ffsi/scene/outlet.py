@@ -98,8 +98,7 @@ class Outlet(Table):
     def _fits(self) -> Self:
         refuse(list(self._problems()))
         if self.pressure is None and "pressure" in self.law.optional:
-            # Still under construction: the only place where a value of an outlet is set.
-            object.__setattr__(self, "pressure", 0.0)
+            self.fill(pressure=0.0)
         return self
 
     def _problems(self) -> Iterator[Problem]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import math
 import numbers
+import operator
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Callable
@@ -115,6 +116,15 @@ class Checked(ABC):
         return core_schema.no_info_plain_validator_function(cast(Callable[[Any], Any], self))
 
 
+# Bounds by name: how they are written, compared, and called in a JSON schema.
+_BOUNDS: dict[str, tuple[str, Callable[[float, float], bool], str]] = {
+    "above": (">", operator.gt, "exclusiveMinimum"),
+    "at_least": (">=", operator.ge, "minimum"),
+    "below": ("<", operator.lt, "exclusiveMaximum"),
+    "at_most": ("<=", operator.le, "maximum"),
+}
+
+
 @dataclass(frozen=True)
 class Quantity(Checked):
     """Annotation of a float field: its SI unit and the range that is accepted.
@@ -129,15 +139,19 @@ class Quantity(Checked):
     at_most: float | None = None
 
     @property
-    def bounds(self) -> str:
+    def bounds(self) -> dict[str, float]:
+        """The bounds that there are, by name."""
+        return {name: bound for name in _BOUNDS if (bound := getattr(self, name)) is not None}
+
+    @property
+    def range(self) -> str:
         """The range that is accepted, such as "> 0 and <= 1"; empty for all numbers."""
-        bounds = ((">", self.above), (">=", self.at_least), ("<", self.below), ("<=", self.at_most))
-        return " and ".join(f"{sign} {number_text(bound)}" for sign, bound in bounds if bound is not None)
+        return " and ".join(f"{_BOUNDS[name][0]} {number_text(bound)}" for name, bound in self.bounds.items())
 
     @property
     def accepted(self) -> str:
         """Description of the values that are accepted."""
-        text = f"a number {self.bounds}".rstrip()
+        text = f"a number {self.range}".rstrip()
         if self.unit == "1":
             return text
         example = _EXAMPLES.get(self.unit)
@@ -161,25 +175,16 @@ class Quantity(Checked):
                 raise self.refused("too large") from None
         if not math.isfinite(number):
             raise self.refused("not a finite number")
-        inside = (
-            (self.above is None or number > self.above)
-            and (self.at_least is None or number >= self.at_least)
-            and (self.below is None or number < self.below)
-            and (self.at_most is None or number <= self.at_most)
-        )
-        if not inside:
-            raise self.refused("out of range")
+        self._inside(number)
         return number
+
+    def _inside(self, number: float) -> None:
+        if not all(_BOUNDS[name][1](number, bound) for name, bound in self.bounds.items()):
+            raise self.refused("out of range")
 
     def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
         """Return the JSON schema: a number in the range, or a text that may be one with a unit."""
-        bounds = {
-            "exclusiveMinimum": self.above,
-            "minimum": self.at_least,
-            "exclusiveMaximum": self.below,
-            "maximum": self.at_most,
-        }
-        number = {"type": "number", **{key: bound for key, bound in bounds.items() if bound is not None}}
+        number = {"type": "number", **{_BOUNDS[name][2]: bound for name, bound in self.bounds.items()}}
         if self.unit not in _EXAMPLES:
             return number
         sign = _POSITIVE if self.above == 0 else _NOT_NEGATIVE if self.at_least == 0 else ""
@@ -187,30 +192,29 @@ class Quantity(Checked):
         return {"anyOf": [number, {**text, "examples": [_EXAMPLES[self.unit]]}]}
 
 
-@dataclass(frozen=True)
-class Count(Checked):
+class Count(Quantity):
     """Annotation of a whole-number field with inclusive bounds."""
 
-    minimum: int
-    maximum: int
+    def __init__(self, minimum: int, maximum: int) -> None:
+        """Take the bounds."""
+        super().__init__("1", at_least=minimum, at_most=maximum)
 
     @property
     def accepted(self) -> str:
         """Description of the values that are accepted."""
-        return f"a whole number from {self.minimum} to {self.maximum}"
+        return f"a whole number from {self.at_least} to {self.at_most}"
 
     def __call__(self, value: Any) -> int:
         """Return the value as int; 2.0 counts as 2."""
         is_whole = isinstance(value, int) or (isinstance(value, numbers.Real) and float(value).is_integer())
         if isinstance(value, bool) or not is_whole:
             raise self.refused("not a whole number")
-        if not self.minimum <= value <= self.maximum:
-            raise self.refused("out of range")
+        self._inside(value)
         return int(value)
 
     def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
         """Return the JSON schema."""
-        return {"type": "integer", "minimum": self.minimum, "maximum": self.maximum}
+        return {"type": "integer", "minimum": self.at_least, "maximum": self.at_most}
 
 
 Number = Annotated[float, Quantity("1")]

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from ffsi.scene import Scene
 from ffsi.scene.geometry import ChannelGeometry
-from ffsi.scene.units import Count, Quantity
+from ffsi.scene.units import Quantity
 
 _POWERS = {"m": (1, 0, 0), "kg": (0, 1, 0), "s": (0, 0, 1), "Pa": (-1, 1, -2), "1": (0, 0, 0)}
 _POWER_LAW = "Pa s^m"
@@ -17,24 +20,16 @@ _FASTEST = "1e4"  # the Reynolds number of what gravity or a pressure may drive,
 OF_CONSISTENCY = "UnitOfConsistency()"
 
 
-def powers(unit: str) -> tuple[int, int, int]:
-    """Return the powers of length, mass and time in a unit such as "kg/m^3" or "Pa s"."""
-    total = [0, 0, 0]
+def _unit_declaration(unit: str) -> str:
+    """Return what tells the script the unit of a number such as "kg/m^3" or "Pa s", nothing without dimension."""
+    if unit == _POWER_LAW:
+        return OF_CONSISTENCY
+    total = np.zeros(3, dtype=int)  # powers of length, mass and time
     for place, part in enumerate(unit.split("/")):
         for factor in part.split():
             name, _, power = factor.partition("^")
-            sign = (-1 if place else 1) * int(power or 1)
-            total = [old + sign * new for old, new in zip(total, _POWERS[name], strict=True)]
-    length, mass, time = total
-    return length, mass, time
-
-
-def declarations(unit: str) -> list[str]:
-    """Return what tells the script the unit of a number, nothing without dimension."""
-    if unit == _POWER_LAW:
-        return [OF_CONSISTENCY]
-    found = powers(unit)
-    return ["Unit({}, {}, {})".format(*found)] if any(found) else []
+            total += (-1 if place else 1) * int(power or 1) * np.array(_POWERS[name])
+    return "Unit({}, {}, {})".format(*total) if total.any() else ""
 
 
 @dataclass(frozen=True)
@@ -44,7 +39,7 @@ class Parameter:
     key: str
     value: float | int
     index: int
-    limits: Quantity | Count
+    limits: Quantity
 
     @property
     def flag(self) -> str:
@@ -70,21 +65,9 @@ class Parameter:
     @property
     def declarations(self) -> str:
         """What the script is told of it: bounds, which it checks as the scene does, and unit."""
-        bounds: dict[str, float | None]
-        if isinstance(self.limits, Count):
-            bounds = {"AtLeast": self.limits.minimum, "AtMost": self.limits.maximum}
-        else:
-            limits = self.limits
-            bounds = {
-                "Above": limits.above,
-                "AtLeast": limits.at_least,
-                "Below": limits.below,
-                "AtMost": limits.at_most,
-            }
-        calls = [f"{name}({bound:.16g})" for name, bound in bounds.items() if bound is not None]
-        if isinstance(self.limits, Quantity):
-            calls += declarations(self.limits.unit)
-        return "".join(f" {call};" for call in calls)
+        bounds = self.limits.bounds.items()
+        calls = [f"{''.join(word.capitalize() for word in name.split('_'))}({bound:.16g})" for name, bound in bounds]
+        return "".join(f" {call};" for call in (*calls, _unit_declaration(self.limits.unit)) if call)
 
 
 def units_of(scene: Scene, parameters: Sequence[Parameter]) -> dict[str, Any]:
@@ -106,13 +89,13 @@ def units_of(scene: Scene, parameters: Sequence[Parameter]) -> dict[str, Any]:
             if solid.mixed
             for constant in solid.volume_constants
         }
-        keys = [p for p in parameters if p.key.startswith("solid.") and _unit(p) == "Pa" and p.key not in volumes]
+        keys = [p for p in parameters if p.key.startswith("solid.") and p.limits.unit == "Pa" and p.key not in volumes]
         return found | {"unit_of_stiffness": _largest([p.variable for p in keys])}
     assert isinstance(geometry, ChannelGeometry)
     height = geometry.inlet.height
     found["unit_of_size"] = repr(height) if geometry.kind == "mesh" else f"{height / geometry.size!r}*unitLength"
     of_fluid = [p for p in parameters if p.key.startswith("fluid.")]
-    viscosities = [p.variable for p in of_fluid if _unit(p) == "Pa s"]
+    viscosities = [p.variable for p in of_fluid if p.limits.unit == "Pa s"]
     found["viscous"] = [
         term
         for p in of_fluid
@@ -120,13 +103,13 @@ def units_of(scene: Scene, parameters: Sequence[Parameter]) -> dict[str, Any]:
             "Pa s": f"{p.variable}*unitVelocity/size",
             "Pa": p.variable,
             _POWER_LAW: f"{p.variable}*(unitVelocity/size)^fluidExponent",
-        }.get(_unit(p)))
+        }.get(p.limits.unit))
     ]  # fmt: skip
     found["viscosity"] = _largest(viscosities)
     drives = [
         f"abs({p.variable})"
         for p in parameters
-        if _unit(p) == "Pa" and not p.key.startswith(("fluid.", "solid."))
+        if p.limits.unit == "Pa" and not p.key.startswith(("fluid.", "solid."))
     ]  # fmt: skip
     if scene.gravity:
         drives.append("fluidDensity*sqrt(gravityX^2+gravityY^2)*size")
@@ -136,21 +119,11 @@ def units_of(scene: Scene, parameters: Sequence[Parameter]) -> dict[str, Any]:
         slow = f"fluidDensity*({_FASTEST}*{found['viscosity']}/(fluidDensity*size))^2"
         drives = [f"min({' + '.join(drives)}, {slow})"]
     found["drives"] = drives
-    rates = [p.variable for p in of_fluid if _unit(p) == "1/s"]
-    if viscosities:
-        found["unit_of_rest"] = f"{_largest(viscosities)}/(fluidDensity*size)"
-    else:
-        found["unit_of_rest"] = f"{_largest(rates)}*size"
+    rates = [p.variable for p in of_fluid if p.limits.unit == "1/s"]
+    found["unit_of_rest"] = f"{found['viscosity']}/(fluidDensity*size)" if viscosities else f"{_largest(rates)}*size"
     return found
-
-
-def _unit(parameter: Parameter) -> str:
-    return getattr(parameter.limits, "unit", "1")
 
 
 def _largest(variables: Sequence[str]) -> str:
     """Return the largest of some variables as a formula, 0 without any."""
-    text = variables[0] if variables else "0."
-    for variable in variables[1:]:
-        text = f"max({text}, {variable})"
-    return text
+    return functools.reduce(lambda text, variable: f"max({text}, {variable})", variables) if variables else "0."

@@ -19,14 +19,19 @@ from ffsi.scene.boundaries import STRUTS
 from ffsi.scene.flow import WOMERSLEY
 from ffsi.scene.geometry import ChannelGeometry
 from ffsi.scene.geometry.mesh import STORED
-from ffsi.scene.materials import CompressibleElastic, Elastic
-from ffsi.scene.units import Count, Quantity
+from ffsi.scene.materials import CompressibleElastic, Elastic, Solid
+from ffsi.scene.units import Quantity
 from ffsi.scene.validation import of_field
 from ffsi.script import flux_tables
 from ffsi.script.parameters import OF_CONSISTENCY, Parameter, units_of
 
 # Keys that are no numbers of the mathematics, or decide the structure, and stay in Python.
 PYTHON_ONLY = ("solver.time_limit", "geometry.stent.count")
+_THETA = {  # of a step of length k
+    "backward-euler": "1",
+    "crank-nicolson": "0.5",
+    "shifted-crank-nicolson": "min(1., 0.5+timeShift*k)",
+}
 
 
 def parameters(scene: Scene) -> list[Parameter]:
@@ -36,14 +41,14 @@ def parameters(scene: Scene) -> list[Parameter]:
     return [Parameter(key, value, index, limits(scene, key)) for index, (key, value) in enumerate(numbers.items())]
 
 
-def limits(scene: Scene, key: str) -> Quantity | Count:
+def limits(scene: Scene, key: str) -> Quantity:
     """Return what the scene's model says about the values of a number."""
     *path, last = key.split(".")
     table: Any = scene
     for name in path:
         table = table[name] if isinstance(table, dict) else getattr(table, name)
     said = of_field(type(table).model_fields[last])[1]
-    found = next((item for item in said if isinstance(item, Quantity | Count)), None)
+    found = next((item for item in said if isinstance(item, Quantity)), None)
     if found is None:
         raise TypeError(f"{key} has no limits: its type must be one of ffsi.scene.units")
     return found
@@ -101,14 +106,12 @@ def bundle(text: str) -> str:
 
 def library_folder() -> Path:
     """Return the folder of the library that scripts include: `edp/lib` in a checkout, inside the package in a wheel."""
-    package = Path(__file__).parents[1]
-    return package / "lib" if (package / "lib").is_dir() else package.parent / "edp" / "lib"
+    return _folder("lib", "edp/lib")
 
 
-def template_folder() -> Path:
-    """Return the folder of the templates: beside the package in a checkout, inside it in a wheel."""
+def _folder(packaged: str, checked_out: str) -> Path:
     package = Path(__file__).parents[1]
-    return package / "templates" if (package / "templates").is_dir() else package.parent / "templates"
+    return package / packaged if (package / packaged).is_dir() else package.parent / checked_out
 
 
 def package_version() -> str:
@@ -122,7 +125,7 @@ def package_version() -> str:
 @cache
 def _environment() -> Environment:
     return Environment(
-        loader=FileSystemLoader(template_folder()),
+        loader=FileSystemLoader(_folder("templates", "templates")),
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
@@ -139,8 +142,10 @@ def _context(scene: Scene, mumps: bool) -> dict[str, Any]:
     curved = [b for b in outline if b.circle or b.curved]
     wet = [b for b in outline if b.role in ("inlet", "outlet", "no-slip", "interface")]
     parts = [b for b in outline if b.part and b in wet]
-    solids = [_solid(scene, name, number) for number, name in _regions(scene) if number > 1]
-    fourier = scene.inflow.fourier if scene.inflow else None
+    solids = [_solid(name, law, number) for number, (name, law) in enumerate(scene.solid.items(), start=2)]
+    regions = [*([(1, "fluid")] if fluid else []), *enumerate(scene.solid, start=2)]
+    own = scene.geometry.kind == "mesh"
+    probes = [f"geometryProbes{name.capitalize()}" if own else f"{name}Probe" for name in scene.probes]
     varying = any(OF_CONSISTENCY in number.declarations for number in numbers)
     mumps = mumps and scene.solver.linear_solver == "mumps"
     labels = {
@@ -158,11 +163,9 @@ def _context(scene: Scene, mumps: bool) -> dict[str, Any]:
         "loadedLabels": _labels(outline, "loaded"),
         "supportedLabels": _labels(outline, "supported"),
     }
-    needed = (
-        {"fixedDisplacement", "fixedVelocity", "restingLabels", "interfaceLabels", "wallLabels"}
-        if fluid
-        else {"fixedDisplacement", "fixedVelocity"}
-    )  # even where they are empty
+    needed = {"fixedDisplacement", "fixedVelocity"}  # even where they are empty
+    if fluid:
+        needed |= {"restingLabels", "interfaceLabels", "wallLabels"}
     return {
         "scene": scene,
         "mumps": mumps,
@@ -171,31 +174,29 @@ def _context(scene: Scene, mumps: bool) -> dict[str, Any]:
         **units_of(scene, numbers),
         "structure": _structure(scene, parts=bool(parts), varying=varying),
         "has_fluid": fluid,
-        "has_mesh_file": scene.geometry.kind == "mesh",
+        "has_mesh_file": own,
         "fsi": fsi,
         "unsteady": scene.time is not None,
         "kinematic": flux_tables.kinematic(scene),
         "solids": solids,
         "mixed": any(solid["mixed"] for solid in solids),
         "probes": list(scene.probes),
-        "probes_at": lambda axis: ", ".join(_probe(scene, name, axis) for name in scene.probes),
+        "probes_at": lambda axis: ", ".join(probe + axis for probe in probes),
         "arguments": flux_tables.arguments(scene),
         "fluxes": flux_tables.fluxes(scene),
         "depends": flux_tables.depends(scene),
-        "regions": [{"number": number, "name": name} for number, name in _regions(scene)],
+        "regions": [{"number": number, "name": name} for number, name in regions],
         "boundaries": outline,
         "boundary_curved": [b in curved for b in outline],
-        "boundary_of_body": [
-            scene.geometry.kind != "mesh" and (bool(b.part) or b.role == "interface") for b in outline
-        ],
+        "boundary_of_body": [not own and (bool(b.part) or b.role == "interface") for b in outline],
         "labels": [(name, here) for name, here in labels.items() if here or name in needed],
         "parts": parts,
         "strut_label": STRUTS,
         "inlet": scene.geometry.inlet if fluid and isinstance(scene.geometry, ChannelGeometry) else None,
-        "fourier": fourier,
+        "fourier": scene.inflow and scene.inflow.fourier,
         "inflow_waveform": _waveform(scene),
         "inflow_profile": scene.inflow.expression.to_freefem({"y": "inletS"}) if scene.inflow else "",
-        "theta_of_step": _theta(scene),
+        "theta_of_step": _THETA[scene.time.scheme] if scene.time else "",
         "viscosity_text": "a constant mu" if scene.fluid and scene.fluid.law == "newtonian" else "mu of the shear rate",
         "better_mesh_motion": _better_mesh_motion(scene),
         "unknowns_text": ", ".join(components),
@@ -260,32 +261,17 @@ def _structure(scene: Scene, *, parts: bool, varying: bool) -> list[str]:
 
 def _machinery(scene: Scene) -> list[str]:
     """Return the library's files that come after the weak form, in their order."""
-    outlet, fluid = scene.outlet, scene.fluid is not None
+    outlet = scene.outlet
     special = outlet is not None and (outlet.has_pressure or outlet.backflow is not None or outlet.hydrostatic)
-    found = {
-        "outlet": special,
-        "constant-rows": True,
-        "residual": True,
-        "jacobian": True,
-        "newton": True,
-        "forces": fluid,
-        "output": True,
-        "evidence": True,
-    }
-    steady = dict.fromkeys(("continuation", "failure", "main"), True)
-    in_time = {
-        "womersley": _womersley(scene),
-        "energy": True,
-        "start-of-step": True,
-        "condensed": True,
-        "step-forces": True,
-        "wall": bool(scene.output.wall),
-        "time-steps": True,
-        "checkpoints": True,
-        "failure-in-time": True,
-        "main-in-time": True,
-    }
-    return [name for name, here in (found | (in_time if scene.time else steady)).items() if here]
+    last = ["continuation", "failure", "main"]
+    if scene.time:
+        first = ["womersley"] if _womersley(scene) else []
+        wall = ["wall"] if scene.output.wall else []
+        last = [*first, "energy", "start-of-step", "condensed", "step-forces", *wall]
+        last += ["time-steps", "checkpoints", "failure-in-time", "main-in-time"]
+    flow = ["outlet"] if special else []
+    flow += ["constant-rows", "residual", "jacobian", "newton", *(["forces"] if scene.fluid else [])]
+    return [*flow, "output", "evidence", *last]
 
 
 def _womersley(scene: Scene) -> bool:
@@ -297,12 +283,6 @@ def _waveform(scene: Scene) -> str:
     if scene.inflow is None or _womersley(scene):
         return "1"
     return "Waveform(at)" if scene.inflow.fourier else f"({scene.inflow.waveform_expression.to_freefem()})"
-
-
-def _theta(scene: Scene) -> str:
-    """Return theta of a step of length k."""
-    fixed = {"backward-euler": "1", "crank-nicolson": "0.5"}
-    return fixed.get(scene.time.scheme, "min(1., 0.5+timeShift*k)") if scene.time else ""
 
 
 def _better_mesh_motion(scene: Scene) -> str:
@@ -321,17 +301,7 @@ def _labels(outline: list[Boundary], *roles: str) -> list[int]:
     return [boundary.label for boundary in outline if boundary.role in roles]
 
 
-def _regions(scene: Scene) -> list[tuple[int, str]]:
-    return [*([(1, "fluid")] if scene.fluid else []), *enumerate(scene.solid, start=2)]
-
-
-def _probe(scene: Scene, name: str, axis: str) -> str:
-    """Return the script's name of a probe's coordinate."""
-    return f"geometryProbes{name.capitalize()}{axis}" if scene.geometry.kind == "mesh" else f"{name}Probe{axis}"
-
-
-def _solid(scene: Scene, name: str, region: int) -> dict[str, Any]:
-    law = scene.solid[name]
+def _solid(name: str, law: Solid, region: int) -> dict[str, Any]:
     prefix = f"solid{name.capitalize()}"
     title = "".join(word.capitalize() for word in law.material.split("-"))
     constants = _constants(prefix, law)
@@ -351,25 +321,18 @@ def _solid(scene: Scene, name: str, region: int) -> dict[str, Any]:
 
 
 def _constants(prefix: str, law: Elastic) -> dict[str, str]:
-    """Return the constants of a law by their keys, as the script's parameters; "0." for one that it does not have."""
+    """Return the constants of a law by their keys, as formulas of the script's parameters; "0." for one it has not."""
     if isinstance(law, CompressibleElastic):
-        lame_lambda, mu = _lame_code(prefix, law)
-        return {"lame_lambda": lame_lambda or "0.", "lame_mu": mu}
+        young, nu, mu = f"{prefix}YoungModulus", f"{prefix}PoissonRatio", f"{prefix}LameMu"
+        given = law.given_constants
+        if law.incompressible:
+            return {"lame_lambda": "0.", "lame_mu": mu if "lame_mu" in given else f"{young}/3"}
+        if "young_modulus" in given:
+            return {"lame_lambda": f"{young}*{nu}/((1+{nu})*(1-2*{nu}))", "lame_mu": f"{young}/(2*(1+{nu}))"}
+        lame_lambda = f"2*{mu}*{nu}/(1-2*{nu})" if "poisson_ratio" in given else f"{prefix}LameLambda"
+        return {"lame_lambda": lame_lambda, "lame_mu": mu}
     keys = [key for key in type(law).model_fields if key not in ("density", "material", "formulation")]
     return {
         key: "0." if getattr(law, key) is None else prefix + "".join(word.capitalize() for word in key.split("_"))
         for key in keys
     }
-
-
-def _lame_code(prefix: str, law: CompressibleElastic) -> tuple[str, str]:
-    """Return the Lame constants as formulas of the script's parameters; without lambda where J = 1."""
-    young, nu, mu = f"{prefix}YoungModulus", f"{prefix}PoissonRatio", f"{prefix}LameMu"
-    given = law.given_constants
-    if law.incompressible:
-        return "", mu if "lame_mu" in given else f"{young}/3"
-    if "young_modulus" in given:
-        return f"{young}*{nu}/((1+{nu})*(1-2*{nu}))", f"{young}/(2*(1+{nu}))"
-    if "poisson_ratio" in given:
-        return f"2*{mu}*{nu}/(1-2*{nu})", mu
-    return f"{prefix}LameLambda", mu
