@@ -83,8 +83,8 @@ def fields(model: type[BaseModel], prefix: str = "") -> Iterator[tuple[str, Any]
 
 
 def quantities(thing: Any) -> list[Quantity]:
-    found = [item for item in getattr(thing, "metadata", []) if isinstance(item, Quantity)]
-    found += [item for item in getattr(thing, "__metadata__", []) if isinstance(item, Quantity)]
+    found = [item for item in getattr(thing, "metadata", []) if type(item) is Quantity]
+    found += [item for item in getattr(thing, "__metadata__", []) if type(item) is Quantity]
     inner = getattr(thing, "annotation", None)
     parts = [*getattr(thing, "__args__", ()), *([inner] if inner is not None else [])]
     return found + [item for part in parts for item in quantities(part)]
