@@ -15,7 +15,7 @@ from ffsi.scene.waveforms import named_waveforms
 OF_FLUID = ("fluid", "mesh_motion", "inflow", "outlet", "forces")
 """Tables that need a fluid."""
 SOLIDS: Rule = at("solid", {"minProperties": 1})
-_OUTER = {"flap-channel": given("geometry.roof"), "channel-cavity": SOLIDS, "aneurysm": SOLIDS}  # sides for a support
+_OUTER = {"flap-channel": given("geometry.roof"), "aneurysm": SOLIDS}  # sides for a support; of others by their outline
 _NOWHERE: Rule = {"not": {}}
 
 
@@ -56,13 +56,14 @@ def _of_geometry(geometry: type[GeometryBase]) -> Iterator[Rule]:
     optional = sorted(geometry.model_fields.keys() & solids)
     names = {"properties": {"solid": {"properties": solids, "additionalProperties": False}}}
     loaded = any(boundary.role == "loaded" for boundary in example.outline("solid"))
+    outer = _OUTER.get(kind) or (SOLIDS if any(side.outer for side in example.outline("fsi")) else _NOWHERE)
     yield when(
         here,
         every(
             [
                 names,
                 given("traction") if loaded else absent("traction"),
-                when(given("support"), _OUTER.get(kind, _NOWHERE)),
+                when(given("support"), outer),
                 {} if issubclass(geometry, ChannelGeometry) else every([SOLIDS, absent(*OF_FLUID)]),
                 given("fluid") if kind == "aneurysm" else {},
                 *(when(given(f"solid.{name}"), given(f"geometry.{name}")) for name in optional),
