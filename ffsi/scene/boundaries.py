@@ -17,15 +17,9 @@ PARTS = 40  # the first body part in a mesh of the user's own, the others follow
 class Boundary:
     """One labelled boundary of the reference domain.
 
-    Args:
-        name: what it is, such as "inlet" or "surface".
-        label: edge label in the mesh (table in docs/formats.md).
-        role: condition on it (docs/theory.md).
-        part: body part on which the fluid's force is reported, None if there is none.
-        circle: centre x, centre y and radius in m of a boundary that is an arc, None if it is straight.
-        exact_length: length of the exact curve, m.
-        curved: whether vertices lie on a curve that is no single circle; `circle` says where it is one.
-        outer: whether it is the outer side of a wall, which is `supported` instead of `free` in a scene with a support.
+    It has the length of the exact curve, m, and perhaps a body part, on which the fluid's force is reported. An arc has
+    a circle: centre x, y and radius, m; `curved` are vertices on other curves. The outer side of a wall is `supported`
+    instead of `free` in a scene with a support. Labels: docs/formats.md, roles: docs/theory.md.
     """
 
     name: str
@@ -36,3 +30,15 @@ class Boundary:
     circle: tuple[float, float, float] | None = None
     curved: bool = False
     outer: bool = False
+
+
+@dataclass(frozen=True)
+class Inlet:
+    """The straight boundary through which the fluid enters.
+
+    It begins (s = 0) at start (x, y), m, and runs along the unit vector inward, turned by +90 degrees, for height H, m.
+    """
+
+    start: tuple[float, float]
+    inward: tuple[float, float]
+    height: float

@@ -28,7 +28,10 @@ MAX_EXPONENT = 16.0
 
 Values = NDArray[np.float64]
 
-_OPERATORS: dict[type[ast.operator], str] = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.Pow: "^"}
+# Operators in FreeFEM, and how strongly they bind.
+_OPERATORS: dict[type[ast.operator], tuple[str, int]] = {
+    **{ast.Add: ("+", 1), ast.Sub: ("-", 1), ast.Mult: ("*", 2), ast.Div: ("/", 2), ast.Pow: ("^", 3)}
+}
 _FUNCTIONS: dict[str, Callable[[Any], Any]] = {
     "sin": np.sin,
     "cos": np.cos,
@@ -101,7 +104,7 @@ class Expression:
 
     def to_freefem(self, rename: Mapping[str, str] | None = None) -> str:
         """Return the formula as FreeFEM text, with other names for variables that are called otherwise there."""
-        return _freefem(self._tree, rename or {})
+        return _freefem(self._tree, rename or {})[0]
 
 
 def _parse(text: str) -> ast.expr:
@@ -209,46 +212,29 @@ def _compiled(tree: ast.expr) -> CodeType:
     return compile(ast.fix_missing_locations(ast.Expression(numbers)), "<formula>", "eval")
 
 
-def _freefem(node: ast.expr, identifiers: Mapping[str, str]) -> str:
-    # Numbers as floats: FreeFEM divides whole numbers without remainder.
+def _freefem(node: ast.expr, identifiers: Mapping[str, str]) -> tuple[str, int]:
+    """Return a tree as text, and how strongly its outermost operation binds: a sign 0, what has none 4."""
+
+    def bracketed(inner: ast.expr, rank: int) -> str:
+        text, own = _freefem(inner, identifiers)
+        return text if own >= rank else f"({text})"
+
     match node:
-        case ast.Constant():
-            return repr(_number(node))
+        case ast.Constant():  # as a float: FreeFEM divides whole numbers without remainder
+            return repr(_number(node)), 4
         case ast.Name(id=name):
-            return identifiers.get(name, name)
-        case ast.UnaryOp(op=operator, operand=operand):
-            if isinstance(operator, ast.UAdd):
-                return _freefem(operand, identifiers)
-            return f"-{_bracket(operand, identifiers, 4)}"
-        case ast.BinOp(left=left, op=operator, right=right):
-            rank = _rank(node)
-            # Same rank on the right needs brackets; powers get them on both sides.
-            first = _bracket(left, identifiers, rank + 1 if isinstance(operator, ast.Pow) else rank)
-            return f"{first} {_OPERATORS[type(operator)]} {_bracket(right, identifiers, rank + 1)}"
-        case ast.Call(func=ast.Name(id=name), args=arguments):
-            texts = [_freefem(argument, identifiers) for argument in arguments]
-            if name in _EXTREMA:  # of two at a time
-                return functools.reduce(lambda left, right: f"{name}({left}, {right})", texts)
-            return f"{name}({texts[0]})"
-    raise AssertionError(f"unchecked node {type(node).__name__}")
-
-
-def _rank(node: ast.expr) -> int:
-    """Return how strongly the outermost operation binds: 0 sign, 1 sum, 2 product, 3 power, 4 nothing to bind."""
-    match node:
+            return identifiers.get(name, name), 4
         case ast.UnaryOp(op=ast.UAdd(), operand=operand):
-            return _rank(operand)
-        case ast.UnaryOp():
-            return 0
-        case ast.BinOp(op=ast.Add() | ast.Sub()):
-            return 1
-        case ast.BinOp(op=ast.Pow()):
-            return 3
-        case ast.BinOp():
-            return 2
-    return 4
-
-
-def _bracket(node: ast.expr, identifiers: Mapping[str, str], rank: int) -> str:
-    text = _freefem(node, identifiers)
-    return text if _rank(node) >= rank else f"({text})"
+            return _freefem(operand, identifiers)
+        case ast.UnaryOp(operand=operand):
+            return f"-{bracketed(operand, 4)}", 0
+        case ast.BinOp(left=left, op=operator, right=right):
+            sign, rank = _OPERATORS[type(operator)]
+            # Same rank on the right needs brackets; powers get them on both sides.
+            return f"{bracketed(left, rank + (sign == '^'))} {sign} {bracketed(right, rank + 1)}", rank
+        case ast.Call(func=ast.Name(id=name), args=arguments):
+            texts = [_freefem(argument, identifiers)[0] for argument in arguments]
+            if name in _EXTREMA:  # of two at a time
+                return functools.reduce(lambda left, right: f"{name}({left}, {right})", texts), 4
+            return f"{name}({texts[0]})", 4
+    raise AssertionError(f"unchecked node {type(node).__name__}")

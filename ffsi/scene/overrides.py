@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from ffsi.scene.errors import Problem, SceneError, of_type, short
@@ -77,7 +77,10 @@ def with_values(scene: Scene, values: Mapping[str, Any]) -> Scene:
         if not {"solid", f"solid.{name}"} & set(values):
             problems += _adapt_solid(f"solid.{name}.", solid, values, table["solid"][name])
     if "inflow" in table and "inflow" not in values:
-        _adapt_inflow(values, table["inflow"])
+        for alternatives, unused in ((VELOCITIES, ()), (WAVEFORMS, ("period",))):
+            if any(f"inflow.{key}" in values for key in alternatives):
+                for key in (*alternatives, *unused):
+                    table["inflow"].pop(key, None)
     kind = values.get("outlet.kind")
     if "outlet" in table and isinstance(kind, str) and kind in OUTLETS:
         for key in PRESSURES.difference(OUTLETS[kind].keys):
@@ -91,14 +94,6 @@ def with_values(scene: Scene, values: Mapping[str, Any]) -> Scene:
     if problems:
         raise SceneError(problems)
     return Scene.model_validate(table)
-
-
-def _adapt_inflow(values: Mapping[str, Any], table: dict[str, Any]) -> None:
-    """Remove from the inflow's table what the new values replace: the velocity, or the waveform with its period."""
-    for alternatives, unused in ((VELOCITIES, ()), (WAVEFORMS, ("period",))):
-        if any(f"inflow.{key}" in values for key in alternatives):
-            for key in (*alternatives, *unused):
-                table.pop(key, None)
 
 
 def _adapt_solid(prefix: str, solid: Elastic, values: Mapping[str, Any], table: dict[str, Any]) -> list[Problem]:
@@ -119,21 +114,14 @@ def _adapt_solid(prefix: str, solid: Elastic, values: Mapping[str, Any], table: 
         for key in solid.given_constants if given else ():
             table.pop(key, None)
         return []
-    # From incompressible, what is missing beside the one constant may be given alone.
-    return _choose_pair(prefix, solid, given, table, strict=not solid.incompressible)
-
-
-def _choose_pair(
-    prefix: str, solid: CompressibleElastic, given: Sequence[str], table: dict[str, Any], *, strict: bool
-) -> list[Problem]:
-    """Remove the scene's elastic constants from the table if a whole pair is given; if strict, refuse a mixture."""
-    in_use = solid.given_constants
     if any(set(pair) == set(given) for pair in ELASTIC_PAIRS):
-        for name in in_use:
-            del table[name]
+        for key in solid.given_constants:
+            del table[key]
         return []
-    text = f"the scene uses the pair ({', '.join(in_use)}): change one of these, or give one whole pair of {PAIRS_TEXT}"
-    return [Problem(prefix + name, text) for name in given if strict and name not in in_use]
+    used = solid.given_constants
+    text = f"the scene uses the pair ({', '.join(used)}): change one of these, or give one whole pair of {PAIRS_TEXT}"
+    # From incompressible, what is missing beside the one constant may be given alone.
+    return [Problem(prefix + key, text) for key in given if key not in used and not solid.incompressible]
 
 
 def _put(table: dict[str, Any], key: str, value: Any) -> list[Problem]:

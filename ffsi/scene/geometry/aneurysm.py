@@ -10,10 +10,21 @@ import numpy as np
 from pydantic import Field
 
 from ffsi.scene.base import Table
-from ffsi.scene.boundaries import CLAMPED, DOME_WALL, INLET, INNER_WALL, OUTER, OUTER_WALL, OUTLET, STRUTS, Boundary
+from ffsi.scene.boundaries import (
+    CLAMPED,
+    DOME_WALL,
+    INLET,
+    INNER_WALL,
+    OUTER,
+    OUTER_WALL,
+    OUTLET,
+    STRUTS,
+    Boundary,
+    Inlet,
+)
 from ffsi.scene.errors import Problem, names
 from ffsi.scene.geometry import dome
-from ffsi.scene.geometry.base import ChannelGeometry, Inlet, Physics, surface_role
+from ffsi.scene.geometry.base import ChannelGeometry, Physics, surface_role
 from ffsi.scene.units import Count, Length
 
 MAX_STRUTS = 20
@@ -144,11 +155,6 @@ class Aneurysm(ChannelGeometry):
         points = dome.lumen().outline * self.size
         x, y = points[int(np.hypot(*(points - np.mean(self.neck, axis=0)).T).argmax())].tolist()
         return x, y
-
-    @property
-    def reference_length(self) -> float:
-        """Width of the vessel's lumen, m."""
-        return self.inlet.height
 
     @property
     def struts(self) -> list[tuple[float, float, float]]:

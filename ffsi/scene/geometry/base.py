@@ -5,32 +5,16 @@ from __future__ import annotations
 import functools
 from abc import ABC, abstractmethod
 from collections.abc import Collection
-from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
 from ffsi.scene.base import Table, refuse
-from ffsi.scene.boundaries import INLET, OUTLET, Boundary, Role
+from ffsi.scene.boundaries import INLET, OUTLET, Boundary, Inlet, Role
 from ffsi.scene.errors import Problem, number_text, short
 from ffsi.scene.units import Length
 
 Physics = Literal["fluid", "solid", "fsi"]
-
-
-@dataclass(frozen=True)
-class Inlet:
-    """The straight boundary through which the fluid enters.
-
-    Args:
-        start: the end (x, y) of it from which it runs along `inward` turned by +90 degrees, m; s = 0 there.
-        inward: unit vector (x, y) into the fluid.
-        height: its length H, m.
-    """
-
-    start: tuple[float, float]
-    inward: tuple[float, float]
-    height: float
 
 
 class GeometryBase(Table, ABC):
@@ -131,9 +115,9 @@ class ChannelGeometry(GeometryBase):
         return False
 
     @property
-    @abstractmethod
     def reference_length(self) -> float:
-        """Length in m that the force coefficients take by default."""
+        """Length in m that the force coefficients take by default: that of the inlet."""
+        return self.inlet.height
 
 
 class StraightChannel(ChannelGeometry):
@@ -156,11 +140,6 @@ class StraightChannel(ChannelGeometry):
     def ends(self) -> list[Boundary]:
         """Inlet and outlet."""
         return [Boundary("inlet", INLET, "inlet", self.height), Boundary("outlet", OUTLET, "outlet", self.height)]
-
-    @property
-    def reference_length(self) -> float:
-        """Height of the channel, m."""
-        return self.height
 
 
 def surface_role(physics: Physics) -> Role:

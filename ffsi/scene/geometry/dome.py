@@ -62,17 +62,9 @@ def coefficients() -> Floats:
     return np.asarray(found)
 
 
-def curve(s: Floats, offset: float = 0.0, derivative: int = 0) -> Floats:
-    """Return points (m, 2) of the curve, or of its offset to the outside; or the curve's derivatives by the parameter.
-
-    Args:
-        s: parameters, m.
-        offset: distance to the outside, m.
-        derivative: 0 or 1, the latter only without an offset.
-    """
+def curve(s: Floats, offset: float = 0.0) -> Floats:
+    """Return points (n, 2) in m of the curve, or of its offset to the outside (m), at parameters s (n,) in m."""
     slope = np.asarray(_spline()(s, 1))
-    if derivative:
-        return slope
     normal = np.column_stack([slope[..., 1], -slope[..., 0]]) / np.hypot(*slope.T)[:, None]
     return np.asarray(_spline()(s) + offset * normal)
 

@@ -21,9 +21,9 @@ from pydantic import (
 from pydantic_core import CoreSchema
 
 from ffsi.scene.base import Table, refuse
-from ffsi.scene.boundaries import OUTLET, Boundary
+from ffsi.scene.boundaries import OUTLET, Boundary, Inlet
 from ffsi.scene.errors import Problem, SceneError, join, names, number_text, short
-from ffsi.scene.geometry.base import ChannelGeometry, Inlet, Physics
+from ffsi.scene.geometry.base import ChannelGeometry, Physics
 from ffsi.scene.meshes.building import DomainMesh, domain_mesh, stored_naming, write_medit
 from ffsi.scene.meshes.curves import Naming
 from ffsi.scene.units import Checked, Coordinate, to_si
@@ -223,8 +223,7 @@ class MeshGeometry(ChannelGeometry):
     def inlet(self) -> Inlet:
         """Where the fluid enters."""
         assert self._mesh.inlet is not None
-        start, inward, height = self._mesh.inlet
-        return Inlet(start, inward, height)
+        return self._mesh.inlet
 
     @property
     def outlet_points(self) -> list[tuple[float, float]]:
@@ -237,11 +236,6 @@ class MeshGeometry(ChannelGeometry):
     def bluff(self) -> bool:
         """Whether bodies are named."""
         return bool(self.parts)
-
-    @property
-    def reference_length(self) -> float:
-        """Length of the inlet, m."""
-        return self.inlet.height
 
     @property
     def tip_point(self) -> tuple[float, float] | None:

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from ffsi.files.arrays import Floats, Ints
-from ffsi.scene.boundaries import CLAMPED, INLET, SUPPORTED, Boundary
+from ffsi.scene.boundaries import CLAMPED, INLET, SUPPORTED, Boundary, Inlet
 from ffsi.scene.errors import Problem, SceneError, count, fault, names, place, short
 from ffsi.scene.meshes import topology as checks
 from ffsi.scene.meshes.curves import FLUID, ROLES, Curves, Naming, boundary, chosen_groups
@@ -32,19 +32,11 @@ with noise, and FreeFEM's `interpolate` needs them equal to the last bit."""
 
 @dataclass(frozen=True, eq=False)
 class DomainMesh:
-    """A mesh that can be computed on, lengths in m.
+    """A mesh to compute on, lengths in m: vertices (nv, 2), triangles (nt, 3), counter-clockwise, their region (nt,).
 
-    Args:
-        vertices: (nv, 2).
-        triangles: (nt, 3), counter-clockwise.
-        region: (nt,).
-        edges: (ne, 2), boundaries and interfaces; the fluid, or the only triangle, on the left.
-        label: (ne,).
-        areas: of each region by the scene's name, in the order of their numbers.
-        boundaries: the labelled boundaries, by label.
-        inlet: start (x, y), inward unit vector and length of the inlet; None without a fluid.
-        loose: for each solid, by the scene's name, of which nothing holds a piece, neither itself nor through another
-            solid: that piece's place in words.
+    Edges (ne, 2) with a label (ne,) are boundaries and interfaces; the fluid, or the only triangle, is on their left.
+    Areas are those of the regions by the scene's names, in the order of their numbers. A solid is loose that nothing
+    holds, neither itself nor through another solid, or a piece of it: that piece's place in words, by the solid's name.
     """
 
     vertices: Floats
@@ -54,7 +46,7 @@ class DomainMesh:
     label: Ints
     areas: dict[str, float]
     boundaries: tuple[Boundary, ...]
-    inlet: tuple[tuple[float, float], tuple[float, float], float] | None
+    inlet: Inlet | None
     loose: dict[str, str]
 
     @cached_property
@@ -240,10 +232,8 @@ def _refuse_dry_solids(topology: Topology, region: Ints, naming: Naming) -> None
         raise SceneError(problems)
 
 
-def _inlet(
-    vertices: Floats, edges: Ints, unit: str, metres: float
-) -> tuple[tuple[float, float], tuple[float, float], float]:
-    """Return start, inward direction and length of the inlet; it runs from the end of its edges' last to the first."""
+def _inlet(vertices: Floats, edges: Ints, unit: str, metres: float) -> Inlet:
+    """Return the inlet: its edges have the fluid on their left, and it runs the other way, from the end of the last."""
     firsts, lasts = set(edges[:, 0].tolist()), set(edges[:, 1].tolist())
     ends, starts = sorted(firsts - lasts), sorted(lasts - firsts)
     if len(starts) != 1 or len(ends) != 1:
@@ -259,7 +249,7 @@ def _inlet(
         text = f"must be straight; at {place(point, unit)} it is {away.max() / metres:.3g} {unit}"
         raise fault(f"{text} away from the line between its ends", "boundaries.inlet")
     inward = (float(along[1]), float(-along[0]) + 0.0)  # no -0.0
-    return (float(start[0]), float(start[1])), inward, length
+    return Inlet((float(start[0]), float(start[1])), inward, length)
 
 
 # For FreeFEM ---------------------------------------------------------------------------------------------------------
