@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import Annotated, Any
@@ -24,78 +23,59 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-TableFolder = Annotated[
-    Path | None, typer.Option("--out", metavar="DIR", help="Write CSV, Markdown, pictures there.", show_default=False)
-]
-Readme = Annotated[
-    Path | None,
-    typer.Option("--readme", metavar="FILE", help="Replace this command's tables in FILE.", show_default=False),
-]
-Runs = Annotated[
-    Path | None,
-    typer.Option(
-        "--runs",
-        metavar="DIR",
-        help="The run folders of what takes long; a second call goes on from there.",
-        show_default="in runs/",
-    ),
-]
-Kinds = Mapping[str, tuple[str, tuple[str, ...]]]
-"""By the flag of a command's kind: the module that does it, and which options it has."""
+
+def _flag(name: str, text: str) -> Any:
+    return typer.Option(f"--{name}", help=text)
+
+
+def _option(name: str, text: str, kind: str | None = None, default: bool | str = False, **more: Any) -> Any:
+    return typer.Option(f"--{name}", help=text, metavar=kind, show_default=default, **more)
+
+
+Out = Annotated[Path | None, _option("out", "Write CSV, Markdown, pictures there.", "DIR")]
+Readme = Annotated[Path | None, _option("readme", "Replace this command's tables in FILE.", "FILE")]
+_KEPT = "The run folders of what takes long; a second call goes on from there."
+Runs = Annotated[Path | None, _option("runs", _KEPT, "DIR", "in runs/")]
+Jobs = Annotated[int | None, _option("jobs", "Runs or sweeps at a time, of what takes long.", default="1", min=1)]
+Repeat = Annotated[int | None, _option("repeat", "Runs per level or scene; medians.", default="1", min=1)]
+Kinds = Mapping[str, tuple[str, str, tuple[str, ...]]]
+"""By the flag of a command's kind: module and function that do it, and which options it has."""
+_LONG = ("jobs", "runs", "out", "readme")
 VERIFY: Kinds = {
-    "": ("verification.command", ("levels", "out", "readme")),
-    "--unsteady": ("verification.periodic", ("jobs", "runs", "out", "readme")),
-    "--long": ("verification.long", ("jobs", "runs", "out", "readme")),
-    "--blood": ("verification.blood", ("jobs", "runs", "out", "readme")),
-    "--hard": ("verification.hard", ("jobs", "runs", "out", "only")),
+    "": ("verification.steady", "main", ("out", "readme")),
+    "--unsteady": ("verification.in_time", "main", _LONG),
+    "--long": ("verification.in_time", "main_long", _LONG),
+    "--blood": ("verification.blood", "main", _LONG),
+    "--hard": ("verification.hard", "main", ("jobs", "runs", "out", "only")),
 }
 BENCH: Kinds = {
-    "": ("bench.levels", ("case", "levels", "repeat", "out", "readme")),
-    "--scenes": ("bench.scenes", ("repeat", "out", "readme")),
-    "--mesh-motion": ("bench.mesh_motion", ("level", "out", "readme")),
-    "--unsteady": ("bench.unsteady", ("repeat", "runs", "out", "readme")),
+    "": ("bench.steady", "main_levels", ("repeat", "out", "readme")),
+    "--scenes": ("bench.steady", "main_scenes", ("repeat", "out", "readme")),
+    "--mesh-motion": ("bench.mesh_motion", "main", ("out", "readme")),
+    "--unsteady": ("bench.unsteady", "main", ("repeat", "runs", "out", "readme")),
 }
 PAPER: Kinds = {
-    "": ("paper.study", ("cases", "level", "jobs", "out", "runs")),
-    "--aneurysm": ("paper.aneurysm", ("level", "out", "runs")),
+    "": ("paper.study", "main", ("jobs", "out", "runs")),
+    "--aneurysm": ("paper.aneurysm", "main", ("out", "runs")),
 }
 
 
 @app.command()
 def verify(
     unsteady: Annotated[
-        bool,
-        typer.Option("--unsteady", help="The cases in time instead, two meshes and time steps each (takes hours)."),
+        bool, _flag("unsteady", "The cases in time instead, two meshes and time steps each (takes hours).")
     ] = False,
-    long: Annotated[
-        bool, typer.Option("--long", help="FSI2 and FSI3 over many periods instead (takes an hour or so).")
-    ] = False,
+    long: Annotated[bool, _flag("long", "FSI2 and FSI3 over many periods instead (takes an hour or so).")] = False,
     blood: Annotated[
-        bool, typer.Option("--blood", help="The flow of blood in channels and the aneurysm instead (takes minutes).")
+        bool, _flag("blood", "The flow of blood in channels and the aneurysm instead (takes minutes).")
     ] = False,
     hard: Annotated[
-        bool,
-        typer.Option("--hard", help="Scenes that must be solved rightly or refused with the cause (takes hours)."),
+        bool, _flag("hard", "Scenes that must be solved rightly or refused with the cause (takes hours).")
     ] = False,
-    levels: Annotated[
-        str | None,
-        typer.Option(
-            "--levels",
-            metavar="A,B,...",
-            help="Mesh levels of every case.",
-            show_default="0 to 3, FSI1 and flaps 0 to 4",
-        ),
-    ] = None,
-    jobs: Annotated[
-        int | None,
-        typer.Option("--jobs", min=1, help="Runs at a time, with one of the flags above.", show_default="1"),
-    ] = None,
-    only: Annotated[
-        str | None,
-        typer.Option("--only", metavar="GLOB,...", help="With --hard: names such as h-*.", show_default="all"),
-    ] = None,
+    jobs: Jobs = None,
+    only: Annotated[str | None, _option("only", "With --hard: names such as h-*.", "GLOB,...", "all")] = None,
     runs: Runs = None,
-    out: TableFolder = None,
+    out: Out = None,
     readme: Readme = None,
 ) -> None:
     """Run every case that has published values on several meshes and print the errors (takes minutes).
@@ -104,38 +84,21 @@ def verify(
     --hard 0 if all is as expected; 1 also if a number or a cause is wrong.
     """
     flags = {"--unsteady": unsteady, "--long": long, "--blood": blood, "--hard": hard}
-    given = {"jobs": jobs, "runs": runs, "out": out, "readme": readme, "only": only}
-    _do("verify", VERIFY, flags, given | {"levels": None if levels is None else partial(_levels, levels)})
+    _do("verify", VERIFY, flags, {"jobs": jobs, "runs": runs, "out": out, "readme": readme, "only": only})
 
 
 @app.command()
 def bench(
     scenes: Annotated[
-        bool,
-        typer.Option(
-            "--scenes", help="Cost ratios of every steady scene near 30 000 unknowns instead, and formulations."
-        ),
+        bool, _flag("scenes", "Cost ratios of every steady scene near 30 000 unknowns instead, and formulations.")
     ] = False,
     mesh_motion: Annotated[
-        bool, typer.Option("--mesh-motion", help="How far each mesh motion carries the flap instead, and its cost.")
+        bool, _flag("mesh-motion", "How far each mesh motion carries the flap instead, and its cost.")
     ] = False,
-    unsteady: Annotated[
-        bool, typer.Option("--unsteady", help="What a time step of FSI3 at full swing costs instead (minutes).")
-    ] = False,
-    case: Annotated[str | None, typer.Option("--case", help="The case to measure.", show_default="turek-fsi1")] = None,
-    levels: Annotated[
-        str | None,
-        typer.Option("--levels", metavar="A,B,...", help="Mesh levels, separated by commas.", show_default="0,1,2,3,4"),
-    ] = None,
-    level: Annotated[
-        int | None,
-        typer.Option("--level", min=0, max=4, help="Mesh level, with --mesh-motion.", show_default="1"),
-    ] = None,
-    repeat: Annotated[
-        int | None, typer.Option("--repeat", min=1, help="Runs per level or scene; medians.", show_default="1")
-    ] = None,
+    unsteady: Annotated[bool, _flag("unsteady", "What a time step costs instead (takes minutes).")] = False,
+    repeat: Repeat = None,
     runs: Runs = None,
-    out: TableFolder = None,
+    out: Out = None,
     readme: Readme = None,
 ) -> None:
     """Measure error against seconds, and what assembly costs beside one factorisation, over the mesh levels.
@@ -143,71 +106,35 @@ def bench(
     Exit codes: as `ffsi run`, but where a mesh motion ends is a result: 3 only if no mesh motion solved any point.
     """
     flags = {"--scenes": scenes, "--mesh-motion": mesh_motion, "--unsteady": unsteady}
-    given = {"case": case, "level": level, "repeat": repeat, "runs": runs, "out": out, "readme": readme}
-    _do("bench", BENCH, flags, given | {"levels": None if levels is None else partial(_levels, levels)})
+    _do("bench", BENCH, flags, {"repeat": repeat, "runs": runs, "out": out, "readme": readme})
 
 
 @app.command()
 def paper(
     aneurysm: Annotated[
-        bool, typer.Option("--aneurysm", help="Section 5.4 instead: the aneurysm, figures 15 to 18 (minutes).")
+        bool, _flag("aneurysm", "Section 5.4 instead: the aneurysm, figures 15 to 18 (minutes).")
     ] = False,
-    cases: Annotated[
-        str | None,
-        typer.Option("--cases", metavar="A,B,...", help="Numbers of the paper's cases.", show_default="1,2,3"),
-    ] = None,
-    level: Annotated[int, typer.Option("--level", help="Mesh level, 0 to 4.")] = 2,
-    jobs: Annotated[int | None, typer.Option("--jobs", min=1, help="Sweeps at a time.", show_default="1")] = None,
-    out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Write CSV, PNG, Markdown there.")] = Path(
-        "results/paper"
-    ),
-    runs: Annotated[Path, typer.Option("--runs", metavar="DIR", help="The runs; a second call resumes them.")] = Path(
-        "runs/paper"
-    ),
+    jobs: Jobs = None,
+    out: Annotated[Path, _option("out", "Write CSV, PNG, Markdown there.", "DIR", True)] = Path("results/paper"),
+    runs: Annotated[Path, _option("runs", "The runs; a second call resumes them.", "DIR", True)] = Path("runs/paper"),
 ) -> None:
     """Reproduce the paper's sections 5.1 to 5.3: figures 3 to 14 and their tables (takes minutes).
 
     Exit codes: as `ffsi run`, but where a sweep ends is a result: 3 only if a sweep has solved no point.
     """
-    given = {"jobs": jobs, "level": level, "out": out, "runs": runs}
-    numbers = None if cases is None else partial(_numbers, "--cases", cases)
-    _do("paper", PAPER, {"--aneurysm": aneurysm}, given | {"cases": numbers})
+    _do("paper", PAPER, {"--aneurysm": aneurysm}, {"jobs": jobs, "out": out, "runs": runs})
 
 
 def _do(command: str, kinds: Kinds, flags: Mapping[str, bool], given: Mapping[str, Any]) -> None:
-    """Do the kind of a study whose flag was given, with the options that were given; a text is read after both.
-
-    Raises:
-        InputError: several flags, or an option that this kind does not have.
-    """
+    """Do the kind of a study whose flag was given, with the options that were given."""
     kind, *more = [name for name, value in flags.items() if value] or [""]
     if more:
         raise InputError(f"give either {kind} or {more[0]}, not both")
-    module, accepted = kinds[kind]
+    module, function, accepted = kinds[kind]
     options = {name: value for name, value in given.items() if value is not None}
     if wrong := [name for name in options if name not in accepted]:
         raise InputError(f"{f'python -m studies {command} {kind}'.strip()} has no option --{wrong[0]}")
-    values = {name: value() if isinstance(value, partial) else value for name, value in options.items()}
-    raise typer.Exit(worst(import_module(f"studies.{module}").main(**values)))
-
-
-def _levels(text: str) -> list[int]:
-    """Read mesh levels such as `0,1,2`."""
-    numbers = _numbers("--levels", text)
-    if min(numbers) < 0 or max(numbers) > 4:
-        raise InputError(f"--levels: mesh levels go from 0 to 4, not {text!r}")
-    return numbers
-
-
-def _numbers(option: str, text: str) -> list[int]:
-    """Read integers such as `0,1,2`."""
-    try:
-        numbers = [int(item) for item in text.split(",")]
-    except ValueError:
-        raise InputError(f"{option} takes integers separated by commas such as 1,2, not {text!r}") from None
-    if len(set(numbers)) < len(numbers):
-        raise InputError(f"{option}: a number occurs twice in {text!r}")
-    return numbers
+    raise typer.Exit(worst(getattr(import_module(f"studies.{module}"), function)(**options)))
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

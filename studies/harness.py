@@ -8,51 +8,29 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 import pandas as pd
 
 from ffsi.cli import show
 from ffsi.files import folder
 from ffsi.files.errors import InputError
-from ffsi.freefem import FreeFEMError, FreeFEMNotFound, stop_all
+from ffsi.freefem import stop_all
 from ffsi.freefem.events import OnEvent
-from ffsi.hemodynamics.result import Result
-from ffsi.run.one_scene import solve
-from ffsi.scene import Scene
 
 K = TypeVar("K")
 T = TypeVar("T")
 Content = Callable[[], str | bytes | pd.DataFrame]
-DIGITS = "%.8g"
-
-
-class Ran(Protocol):
-    """A run of which there is the content of `result.json`."""
-
-    @property
-    def data(self) -> Mapping[str, Any]:
-        """The content."""
 
 
 @dataclass(frozen=True)
 class Study:
-    """What a study is called and where its findings go; made before anything is computed.
+    """What a study is called and where its findings go; made before anything is computed."""
 
-    Attributes:
-        command: the command that does it, without `python -m studies`.
-        out: folder of its files, which is made; None: none are written.
-        readme: file in which `blocks` are replaced, unless a run failed; None: nothing is.
-        blocks: those that must be there.
-
-    Raises:
-        InputError: `out` is a file, or `readme` is not there or lacks the markers of a block.
-    """
-
-    command: str
-    out: Path | None = None
-    readme: Path | None = None
-    blocks: Sequence[str] = ()
+    command: str  # the command that does it, without `python -m studies`
+    out: Path | None = None  # folder of its files, which is made; None: none are written
+    readme: Path | None = None  # file in which `blocks` are replaced, unless a run failed; None: nothing is
+    blocks: Sequence[str] = ()  # those that must be there
 
     def __post_init__(self) -> None:
         """Refuse unusable outputs."""
@@ -64,11 +42,11 @@ class Study:
                 raise InputError(f"{self.out} is a file; --out takes a folder")
             self.out.mkdir(parents=True, exist_ok=True)
 
-    def written(self, runs: Iterable[Ran]) -> str:
+    def written(self, data: Iterable[Mapping[str, Any]]) -> str:
         """Return one sentence about who wrote a table, with which FreeFEM and on which machine."""
-        return origin(f"python -m studies {self.command}", runs)
+        return origin(f"python -m studies {self.command}", data, f", one thread; {processor()}")
 
-    def write(self, files: Mapping[str, Content], digits: str | None = DIGITS) -> None:
+    def write(self, files: Mapping[str, Content], digits: str | None = "%.8g") -> None:
         """Make and write the files by their names, and say so; a table becomes CSV with so many digits."""
         if self.out is None:
             return
@@ -91,12 +69,7 @@ class Study:
         return f" {text}: {', '.join(f'[{name}]({path})' for name, path in zip(names, paths, strict=True))}."
 
     def publish(self, failures: Sequence[str], blocks: Mapping[str, str]) -> list[str]:
-        """Write each content between the markers of its block, unless a run failed, and say so.
-
-        Args:
-            failures: of all runs, as `Result.failure`; returned.
-            blocks: contents by the names of their blocks.
-        """
+        """Write each content between the markers of its block, unless a run failed, and say so; return the failures."""
         if self.readme is not None and any(failures):
             show.error(f"{self.readme} stays as it is, because a run failed")
         elif self.readme is not None:
@@ -125,44 +98,13 @@ def side_by_side(
     return {key: job.result() for key, job in running.items()}
 
 
-def solved(scene: Scene, name: str, more: Callable[[Result], dict[str, Any]] = lambda result: {}) -> dict[str, Any]:
-    """Solve a scene with one thread in a temporary folder; return its `result.json`, with `more` of a solved one.
-
-    One that fails is told; that of a process that died has the failure `crash`.
-
-    Raises:
-        FreeFEMNotFound: no FreeFEM on this machine.
-    """
-    try:
-        with show.progress(name) as on_event:
-            result = solve(scene, on_event=on_event, threads=1)
-        data = {**result.data, **(more(result) if result.solved else {})}
-    except FreeFEMNotFound:
-        raise
-    except FreeFEMError as error:
-        data = {"case": scene.name, "status": "failed", "failure": "crash", "reason": str(error)}
-    if data.get("failure"):
-        show.error(f"{name}: {data['reason']}")
-    return data | {"level": scene.mesh.level}
-
-
 def replace_block(text: str, name: str, content: str) -> str:
-    """Replace what stands between `<!-- NAME:begin -->` and `<!-- NAME:end -->`.
-
-    Raises:
-        InputError: the two markers are not there exactly once and in this order.
-    """
+    """Replace what stands between the markers `<!-- NAME:begin -->` and `<!-- NAME:end -->`."""
     begin, end = f"<!-- {name}:begin -->", f"<!-- {name}:end -->"
     if text.count(begin) != 1 or text.count(end) != 1 or text.index(begin) > text.index(end):
         raise InputError(f"the text needs one line {begin} and after it one line {end}")
     head, _, rest = text.partition(begin)
-    tail = rest.partition(end)[2]
-    return f"{head}{begin}\n{content.strip()}\n{end}{tail}"
-
-
-def has_block(readme: Path, name: str) -> bool:
-    """Return whether there is a file with a line `<!-- NAME:begin -->`."""
-    return readme.is_file() and f"<!-- {name}:begin -->" in readme.read_text(encoding="utf-8")
+    return f"{head}{begin}\n{content.strip()}\n{end}{rest.partition(end)[2]}"
 
 
 def _replaced(readme: Path, block: str, content: str) -> str:
@@ -174,18 +116,15 @@ def _replaced(readme: Path, block: str, content: str) -> str:
         raise InputError(f"{readme}: {error}") from error
 
 
-def origin(command: str, runs: Iterable[Ran]) -> str:
-    """Return one sentence about who wrote a table, with which FreeFEM and on which machine."""
-    used: Mapping[str, Any] = next((run.data["freefem"] for run in runs if run.data.get("freefem")), {})
-    solver = f"FreeFEM {used.get('version', '?')} with {used.get('solver', '?')}, one thread"
-    return f"Written by `{command}` ({solver}; {processor()})."
+def origin(command: str, data: Iterable[Mapping[str, Any]], more: str = "") -> str:
+    """Return one sentence about who wrote a text, with the FreeFEM of the first `result.json` that names it."""
+    used: Mapping[str, Any] = next((item["freefem"] for item in data if item.get("freefem")), {})
+    return f"Written by `{command}` (FreeFEM {used.get('version', '?')} with {used.get('solver', '?')}{more})."
 
 
 def processor() -> str:
     """Return the name of the processor."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        lines = []
+    info = Path("/proc/cpuinfo")
+    lines = info.read_text(encoding="utf-8").splitlines() if info.is_file() else []
     names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
     return names[0] if names else platform.processor() or platform.machine()

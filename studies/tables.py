@@ -1,10 +1,10 @@
-"""Tables of text for a terminal and for Markdown, and how numbers stand in them."""
+"""Tables of text for a terminal and for Markdown: their columns as data, and how numbers stand in them."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import pandas as pd
@@ -15,29 +15,55 @@ from rich.text import Text
 NOTHING = "–"
 
 
-@dataclass
+@dataclass(frozen=True)
+class Column:
+    """A column of a table."""
+
+    head: str  # its heading
+    # Key of a row, or a function of the row; text stays as it is, what is missing is a dash.
+    of: str | Callable[[Any], Any]
+    form: str = "{}"  # of a number, as of `str.format`; `%`: in percent
+    bound: float = math.inf  # largest accepted size; `!` marks a number that misses it, or is NaN
+    least: float = -math.inf  # smallest accepted value
+
+    def cell(self, row: Any) -> str:
+        """Return what stands in a row's cell."""
+        value = self.of(row) if callable(self.of) else row.get(self.of)
+        if value is None or isinstance(value, str):
+            return NOTHING if value is None else value
+        text = percent(value) if self.form == "%" else number(value, self.form)
+        free = math.isinf(self.bound) and math.isinf(self.least)
+        return text if free or (abs(value) <= self.bound and value >= self.least) else f"{text} !"
+
+
+def columns(text: str) -> list[Column]:
+    """Return columns from a text such as `level | u_x in m = tip_ux :.5g | error :%`: heading, key, format."""
+    found = []
+    for item in text.split("|"):
+        name, _, form = item.partition(" :")
+        head, _, key = name.strip().partition(" = ")
+        found.append(Column(head, key or head, form.strip() if form.strip() == "%" else f"{{:{form.strip()}}}"))
+    return found
+
+
+def bounded(head: str, of: str | Callable[[Any], Any], bound: float, form: str = "%") -> Column:
+    """Return a column whose heading tells its bound."""
+    return Column(f"{head} (< {f'{100 * bound:g} %' if form == '%' else f'{bound:g}'})", of, form, bound)
+
+
+@dataclass(frozen=True)
 class TextTable:
-    """A table of text for a terminal or Markdown; the first `left` columns are aligned to the left."""
+    """A table of text; the first `left` columns are aligned to the left."""
 
     head: Sequence[str]
+    body: Sequence[Sequence[str]]
     left: int = 1
     title: str = ""
-    body: list[list[str]] = field(default_factory=list)
-
-    def add(self, *cells: str) -> None:
-        """Append a row.
-
-        Raises:
-            ValueError: another number of cells than columns.
-        """
-        if len(cells) != len(self.head):
-            raise ValueError(f"{len(cells)} cells for {len(self.head)} columns")
-        self.body.append(list(cells))
 
     def markdown(self) -> str:
         """Return the table in Markdown."""
         marks = ["---" if i < self.left else "---:" for i in range(len(self.head))]
-        return "\n".join(f"| {' | '.join(row)} |" for row in [list(self.head), marks, *self.body])
+        return "\n".join(f"| {' | '.join(row)} |" for row in [self.head, marks, *self.body])
 
     def print(self) -> None:
         """Print the table on stdout."""
@@ -45,9 +71,20 @@ class TextTable:
         for i, name in enumerate(self.head):
             table.add_column(Text(name), justify="left" if i < self.left else "right", no_wrap=True)
         for row in self.body:
-            table.add_row(*(Text(cell) for cell in row))
+            table.add_row(*map(Text, row))
         console = Console(highlight=False)
         (console if console.is_terminal else Console(highlight=False, width=200)).print(table)
+
+
+def table(rows: Iterable[Any], columns: Sequence[Column], left: int = 1, title: str = "") -> TextTable:
+    """Return the table that columns make of rows."""
+    body = [[column.cell(row) for column in columns] for row in rows]
+    return TextTable([column.head for column in columns], body, left, title)
+
+
+def markdown(parts: Iterable[str | TextTable]) -> str:
+    """Return texts and tables in Markdown."""
+    return "\n\n".join(part if isinstance(part, str) else part.markdown() for part in parts)
 
 
 def percent(error: float) -> str:
@@ -58,7 +95,7 @@ def percent(error: float) -> str:
     return f"{100 * error:+.{decimals}f} %"
 
 
-def size(difference: float) -> str:
+def unsigned(difference: float) -> str:
     """Return the size of a relative difference in percent, without its sign."""
     return percent(abs(difference)).removeprefix("+")
 

@@ -1,6 +1,6 @@
-"""What a time step costs, of FSI3 at full swing and of the pulsatile aneurysm with Carreau blood.
+"""What a time step costs, of FSI3 at full swing and of the pulsatile aneurysm with Carreau blood; what it is worth.
 
-By the velocity alone with kept factors, and by plain Newton.
+By the velocity alone with kept factors, and by plain Newton. Error against the time step: CSM3 over its first period.
 """
 
 from __future__ import annotations
@@ -8,9 +8,8 @@ from __future__ import annotations
 import math
 import shutil
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -26,12 +25,10 @@ from ffsi.hemodynamics.result import load_result
 from ffsi.run.one_scene import resume
 from ffsi.scene import Scene, load_scene
 from ffsi.script.render import render
-from studies.bench import time_steps
-from studies.bench.costs import SOLVER, WORDS, marked
+from studies.bench.steady import SOLVER, WORDS, repeated
 from studies.harness import Study
-from studies.kept_runs import TimeRun, run_one
-from studies.tables import TextTable, number
-from studies.verification.periodic_cases import PLAIN
+from studies.runs import PLAIN, Run, run_all, run_one
+from studies.tables import Column, TextTable, columns, markdown, table, unsigned
 
 BLOCK = "bench-unsteady"
 CSV, STEPS_CSV = "bench-unsteady.csv", "bench-time-steps.csv"
@@ -39,7 +36,6 @@ RUNS = Path("runs/bench-unsteady")
 STEPS = {"condensed": 100, "newton": 6}  # that are measured: a cycle of the inflow, or two periods of FSI3 and some
 RATIO_BOUND = 10.0
 WORD = {"condensed": "condensed", "newton": "plain Newton"}
-CARREAU = "aneurysm-pulsatile, Carreau"
 EXPLANATION = (
     "turek-fsi3 from where the beam swings with its full amplitude, dt 0.005 s; aneurysm-pulsatile with Carreau blood "
     "from its second cycle on, dt a hundredth of a cycle. *condensed*: `solver.step` as it is in the catalogue, "
@@ -51,29 +47,16 @@ EXPLANATION = (
 )
 
 
-@dataclass(frozen=True)
-class Size:
-    """A case on a mesh.
+class Size(NamedTuple):
+    """A case on a mesh."""
 
-    Attributes:
-        name: of the run folders.
-        title: of the case, in the table.
-        case: of the catalogue.
-        unknowns: what the mesh is meant to have.
-        settings: of the scene.
-        step: time step, s.
-        developed: when the motion is, s.
-        bound: of the seconds that a step takes.
-    """
-
-    name: str
-    title: str
-    case: str
-    unknowns: int
-    settings: tuple[str, ...]
-    step: float
-    developed: float
-    bound: float
+    name: str  # of the run folders
+    title: str  # of the case, in the table
+    case: str  # of the catalogue
+    settings: tuple[str, ...]  # of the scene
+    step: float  # time step, s
+    developed: float  # when the motion is, s
+    bound: float  # of the seconds that a step takes
 
     def scene(self, end: float, step: str = "condensed") -> Scene:
         """Return the case on this mesh to a time in s, with the solver `step`."""
@@ -81,51 +64,17 @@ class Size:
         return load_scene(self.case, [*self.settings, *steps, *PLAIN])
 
 
-_BLOOD = ("fluid.law=carreau", f"time.output_interval={60 / 84!r}")
+_FLAG, _VESSEL = ("turek-fsi3",) * 2, ("aneurysm-pulsatile, Carreau", "aneurysm-pulsatile")
+_BLOOD, _CYCLE = ("fluid.law=carreau", f"time.output_interval={60 / 84!r}"), (0.6 / 84, 60 / 84)
 SIZES = (
-    Size("13k", "turek-fsi3", "turek-fsi3", 13_000, ("mesh.level=1", "mesh.size_factor=1.1"), 0.005, 10.0, 0.12),
-    Size("30k", "turek-fsi3", "turek-fsi3", 30_000, ("mesh.level=2",), 0.005, 5.0, 0.28),
-    Size("13k-carreau", CARREAU, "aneurysm-pulsatile", 13_000, ("mesh.level=1", *_BLOOD), 0.6 / 84, 60 / 84, 0.12),
-    Size(
-        "30k-carreau",
-        CARREAU,
-        "aneurysm-pulsatile",
-        30_000,
-        ("mesh.level=2", "mesh.size_factor=0.9", *_BLOOD),
-        0.6 / 84,
-        60 / 84,
-        0.28,
-    ),
+    Size("13k", *_FLAG, ("mesh.level=1", "mesh.size_factor=1.1"), 0.005, 10.0, 0.12),
+    Size("30k", *_FLAG, ("mesh.level=2",), 0.005, 5.0, 0.28),
+    Size("13k-carreau", *_VESSEL, ("mesh.level=1", *_BLOOD), *_CYCLE, 0.12),
+    Size("30k-carreau", *_VESSEL, ("mesh.level=2", "mesh.size_factor=0.9", *_BLOOD), *_CYCLE, 0.28),
 )
 
 
-@dataclass(frozen=True)
-class Steps:
-    """The measured steps of one process.
-
-    Attributes:
-        data: content of its `result.json`.
-        seconds: of each measured step.
-        iterations: per step.
-        rebuilds: new factors per step.
-        phases: seconds of the process in the phases `SOLVER`.
-        swing: half the range of the tip's u_y, m.
-    """
-
-    data: Mapping[str, Any]
-    seconds: Sequence[float] = ()
-    iterations: float = math.nan
-    rebuilds: float = math.nan
-    phases: Mapping[str, float] = field(default_factory=dict)
-    swing: float = math.nan
-
-    @property
-    def failure(self) -> str:
-        """As `Result.failure`."""
-        return str(self.data.get("failure", ""))
-
-
-def develop(size: Size, runs: Path) -> TimeRun:
+def develop(size: Size, runs: Path) -> Run:
     """Run to the developed motion, or find it where an earlier call has left it."""
     name = f"{size.name}-developed"
     with show.progress(f"{size.case} {name}") as on_event:
@@ -144,13 +93,12 @@ def start_from(source: Path, checkpoint: Checkpoint, scene: Scene, directory: Pa
     begin(directory, Checkpoint(directory / checkpoint.path.name, checkpoint.step, checkpoint.time))
 
 
-def measure(size: Size, step: str, count: int, source: Path, directory: Path) -> Steps:
+def measure(size: Size, step: str, count: int, source: Path, directory: Path) -> Run:
     """Go on from the developed motion for `count` steps, and one before and one after them that do not count."""
     checkpoint = newest_checkpoint(source)
     if checkpoint is None:
         raise InputError(f"{source} holds no checkpoint; remove it, and call again")
-    scene = size.scene(checkpoint.time + (count + 2) * size.step, step)
-    start_from(source, checkpoint, scene, directory)
+    start_from(source, checkpoint, size.scene(checkpoint.time + (count + 2) * size.step, step), directory)
     name = f"{size.case} {size.name}, {WORD[step]}"
     try:
         with show.progress(name) as on_event:
@@ -162,86 +110,119 @@ def measure(size: Size, step: str, count: int, source: Path, directory: Path) ->
     data = load_result(directory).data
     if data.get("failure"):
         show.error(f"{name}: {data['reason']}; what there is lies in {directory}")
-        return Steps(data)
-    return steps_of(data, directory, checkpoint.step)
+        return Run(name, data)
+    return Run(name, data, history=counted(directory, checkpoint.step))
 
 
-def steps_of(data: Mapping[str, Any], directory: Path, before: int) -> Steps:
-    """Return what the steps after the step `before` cost, without the first and the last one."""
+def counted(directory: Path, before: int) -> pd.DataFrame:
+    """Return the steps after `before` but the first and last one, with `took`, seconds, and `rebuilds`, new factors."""
     new = read_history(directory).iloc[before:]
-    counted = new.iloc[1:-1]
     newton = pd.read_csv(directory / folder.HISTORY)
-    fresh = newton.loc[newton["step"].between(before + 2, before + len(new) - 1), "factorized"].sum()
-    swing = counted["tip_uy"].to_numpy(dtype=np.float64)
-    return Steps(
-        data,
-        new["seconds"].diff().iloc[1:-1].tolist(),
-        float(counted["iterations"].mean()),
-        float(fresh) / max(len(counted), 1),
-        {name: data["timings"].get(name, math.nan) for name in SOLVER},
-        float(np.ptp(swing)) / 2 if len(swing) else math.nan,
-    )
+    rebuilds = newton.groupby("step")["factorized"].sum().reindex(new.index + 1, fill_value=0).to_numpy()
+    return new.assign(took=new["seconds"].diff(), rebuilds=rebuilds).iloc[1:-1]
 
 
-def row(size: Size, step: str, runs: Sequence[Steps], start: Steps) -> dict[str, Any]:
+def row(size: Size, step: str, runs: Sequence[Run], start: Run) -> dict[str, Any]:
     """Return what the steps of several runs cost: of each number the median over the runs.
 
-    Args:
-        size: the mesh.
-        step: the solver.
-        runs: several runs of the same steps.
-        start: a run without counted steps; its phases are not those of steps.
+    The phases of `start`, a run without counted steps, are not those of steps.
     """
     solved = [run for run in runs if not run.failure]
-    found: dict[str, Any] = {"case": size.case, "mesh": size.name, "solver": step, "runs": len(runs)}
-    found |= {"status": "converged" if len(solved) == len(runs) else "failed"}
+    status = "converged" if len(solved) == len(runs) else "failed"
+    found = {"case": size.case, "mesh": size.name, "solver": step, "runs": len(runs), "status": status}
     if not solved:
         return found
-    values = [
-        {
-            "steps": len(run.seconds),
-            "median_seconds": float(np.median(run.seconds)),
-            "mean_seconds": float(np.mean(run.seconds)),
-            "largest_seconds": max(run.seconds),
-            "iterations_per_step": run.iterations,
-            "rebuilds_per_100_steps": 100 * run.rebuilds,
-            **{
-                f"{name}_seconds": max(value - start.phases.get(name, math.nan), 0.0) / len(run.seconds)
-                for name, value in run.phases.items()
-            },
-            "swing": run.swing,
+    setup = {} if start.failure else start.timings
+    values = []
+    for run in solved:
+        steps, seconds = run.history, run.history["took"].to_numpy()
+        line = {
+            "steps": len(steps),
+            "median_seconds": np.median(seconds),
+            "mean_seconds": np.mean(seconds),
+            "largest_seconds": seconds.max(),
+            "iterations_per_step": steps["iterations"].mean(),
+            "rebuilds_per_100_steps": 100 * (steps["rebuilds"].sum() / len(steps)),
         }
-        for run in solved
-    ]
-    data = solved[0].data
-    found |= {"unknowns": data["unknowns"], "triangles": data["triangles"], "step": size.step}
+        for name in SOLVER:
+            own = run.timings.get(name, math.nan) - setup.get(name, math.nan)
+            line[f"{name}_seconds"] = max(own, 0.0) / len(steps)
+        values.append(line | {"swing": np.ptp(steps["tip_uy"]) / 2})
+    found |= {name: solved[0].data[name] for name in ("unknowns", "triangles")} | {"step": size.step}
     return found | {str(name): value for name, value in pd.DataFrame(values).median().items()}
 
 
-def table(rows: Sequence[Mapping[str, Any]], sizes: Sequence[Size] = SIZES) -> TextTable:
+COLUMNS = (
+    *columns("case = title | unknowns | solver = word | s per step, median = median | mean | bound :.2f"),
+    Column(f"ratio (> {RATIO_BOUND:g})", "ratio", "{:.1f}", least=RATIO_BOUND),
+    *columns("iterations per step = iterations_per_step :.1f | rebuilds in 100 steps = rebuilds_per_100_steps :.1f"),
+    *(Column(f"{WORDS.get(name, name)} s", f"{name}_seconds", "{:.3f}") for name in SOLVER),
+    Column("u_y ± m", "swing", "{:.3g}"),
+)
+
+
+def step_table(rows: Sequence[Mapping[str, Any]], sizes: Sequence[Size] = SIZES) -> TextTable:
     """Return one row per mesh and solver; `!` marks what misses its bound."""
-    head = ["case", "unknowns", "solver", "s per step, median", "mean", "bound", f"ratio (> {RATIO_BOUND:g})"]
-    head += ["iterations per step", "rebuilds in 100 steps", *(f"{WORDS.get(name, name)} s" for name in SOLVER)]
-    result = TextTable([*head, "u_y ± m"], left=1, title="Seconds per time step")
     by_name = {size.name: size for size in sizes}
+    lines = []
     for item in rows:
-        kept = item["solver"] == "condensed"
         size = by_name[item["mesh"]]
-        bound = size.bound if kept else math.inf
-        ratio = item.get("ratio")
-        result.add(
-            size.title,
-            number(item.get("unknowns"), "{:d}"),
-            WORD[item["solver"]],
-            *(marked(item.get(f"{name}_seconds"), bound, "{:.3f}") for name in ("median", "mean")),
-            number(bound if kept else None, "{:.2f}"),
-            number(ratio) + (" !" if ratio is not None and ratio < RATIO_BOUND else ""),
-            number(item.get("iterations_per_step")),
-            number(item.get("rebuilds_per_100_steps")),
-            *(number(item.get(f"{name}_seconds"), "{:.3f}") for name in SOLVER),
-            number(item.get("swing"), "{:.3g}"),
+        bound = size.bound if item["solver"] == "condensed" else math.inf
+        cells = {name: Column("", f"{name}_seconds", "{:.3f}", bound).cell(item) for name in ("median", "mean")}
+        lines.append(
+            {
+                **item,
+                "title": size.title,
+                "word": WORD[item["solver"]],
+                "bound": bound if math.isfinite(bound) else None,
+                **cells,
+            }
         )
-    return result
+    return table(lines, COLUMNS, title="Seconds per time step")
+
+
+# Error against the time step: the beam swinging under gravity (CSM3) over its first period ----------------------------
+
+BEAM = "turek-csm3"
+LEVEL, END = 0, 1.0  # s; a little more than a period
+TIME_STEPS = (0.04, 0.02, 0.01, 0.005, 0.0025)  # s
+FINEST = 0.0003125  # s, what the others are compared with
+ERROR_TEXT = (
+    f"Error against the time step: {BEAM} on mesh level {LEVEL} to t = {END:g} s; the largest difference of the tip's "
+    f"u_y from that with dt {FINEST:g} s, over its largest value, and the order from one step to the next."
+)
+ERROR_COLUMNS = (
+    *columns("dt s = step :g | steps | seconds :.1f | per step = seconds_per_step :.3f"),
+    Column("error of u_y", lambda row: unsigned(row["error"])),
+    Column("order", "order", "{:.2f}"),
+)
+
+
+def run_time_steps(runs: Path) -> list[Run]:
+    """Run every time step, the finest one last, or find the runs that an earlier call has finished."""
+    settings = (f"mesh.level={LEVEL}", f"time.end={END!r}", "time.stop=end", *PLAIN)
+    scenes = {step: load_scene(BEAM, [*settings, f"time.step={step!r}"]) for step in (*TIME_STEPS, FINEST)}
+    return run_all({f"{BEAM}-step-{step:g}": scene for step, scene in scenes.items()}, runs)
+
+
+def error_rows(runs: Sequence[Run]) -> list[dict[str, Any]]:
+    """Return error and order of every time step but the finest; no error where a run failed."""
+    *coarse, finest = runs
+    found: list[dict[str, Any]] = []
+    before = math.nan
+    for step, item in zip(TIME_STEPS, coarse, strict=True):
+        error = math.nan if item.failure or finest.failure else difference(item.history, finest.history)
+        costs = {name: item.steps[name] for name in ("steps", "seconds", "seconds_per_step")}
+        found.append({"case": BEAM, "step": step, **costs, "error": error, "order": math.log2(before / error)})
+        before = error
+    return found
+
+
+def difference(coarse: pd.DataFrame, finest: pd.DataFrame) -> float:
+    """Return the largest difference of u_y at the times of the coarser run, over the largest value; dimensionless."""
+    (times, values), (other, exact) = (item[["time", "tip_uy"]].to_numpy(np.float64).T for item in (coarse, finest))
+    at = np.abs(other[:, None] - times[None, :]).argmin(axis=0)
+    return float(np.abs(values - exact[at]).max() / np.abs(exact).max())
 
 
 def main(
@@ -254,16 +235,11 @@ def main(
 ) -> list[str]:
     """Run each case to its developed motion, measure steps from there with both solvers, and print what they cost.
 
-    Then the error against the time step, of CSM3.
-
-    Args:
-        repeat: runs of the condensed solver on each mesh; its numbers are the medians.
+    Numbers of the condensed solver are medians of `repeat` runs. Then the error against the time step, of CSM3.
     """
-    if repeat < 1:
-        raise InputError(f"--repeat: at least one run, not {repeat}")
-    study = Study("bench --unsteady" + (f" --repeat {repeat}" if repeat > 1 else ""), out, readme, [BLOCK])
+    study = Study(repeated("bench --unsteady", repeat), out, readme, [BLOCK])
     rows: list[dict[str, Any]] = []
-    done: list[TimeRun | Steps] = []
+    done: list[Run] = []
     for size in sizes:
         source = develop(size, runs)
         done.append(source)
@@ -272,7 +248,7 @@ def main(
         pair = []
         for step, times in (("condensed", repeat), ("newton", 1)):
             start, *own = [
-                measure(size, step, STEPS[step] if i else 0, source.directory, runs / f"{size.name}-{step}-{i}")
+                measure(size, step, STEPS[step] if i else 0, runs / source.name, runs / f"{size.name}-{step}-{i}")
                 for i in range(times + 1)
             ]
             done += [start, *own]
@@ -280,13 +256,13 @@ def main(
         if all("mean_seconds" in item for item in pair):
             pair[0]["ratio"] = pair[1]["mean_seconds"] / pair[0]["mean_seconds"]
         rows += pair
-    refined = time_steps.run(runs)
+    refined = run_time_steps(runs)
     done += refined
-    errors = time_steps.rows(refined)
-    tables = table(rows, sizes), time_steps.table(errors)
-    for item in tables:
-        item.print()
+    errors = error_rows(refined)
+    costs, error_table = step_table(rows, sizes), table(errors, ERROR_COLUMNS, left=0, title=BEAM)
+    costs.print()
+    error_table.print()
     study.write({CSV: lambda: pd.DataFrame(rows), STEPS_CSV: lambda: pd.DataFrame(errors)})
-    written = study.written(done) + study.links("More", (CSV, STEPS_CSV))
-    parts = [EXPLANATION, tables[0].markdown(), time_steps.EXPLANATION, tables[1].markdown(), written]
-    return study.publish([item.failure for item in done], {BLOCK: "\n\n".join(parts)})
+    written = study.written(item.data for item in done) + study.links("More", (CSV, STEPS_CSV))
+    text = markdown([EXPLANATION, costs, ERROR_TEXT, error_table, written])
+    return study.publish([item.failure for item in done], {BLOCK: text})

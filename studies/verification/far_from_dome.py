@@ -11,8 +11,7 @@ from ffsi.files.arrays import Floats
 from ffsi.hemodynamics.aneurysm import AneurysmState
 from ffsi.hemodynamics.result import Result
 from ffsi.scene.fluids import IncompressibleFluid
-from studies.verification.bent_channel import BentFlow, bent_flow
-from studies.verification.measured import Measured, worst
+from studies.verification.exact_flows import BentFlow, Measured, bent_flow, worst
 
 RANGES = {"upstream": (103.0, 110.0), "downstream": (152.0, 160.0)}
 """Angles around the origin in degrees; the inlet is at 90, the neck from 126.5 to 141.4, the outlet at 180."""
@@ -24,13 +23,7 @@ _ANGLES, _ITERATIONS = 6, 30
 
 @dataclass(frozen=True)
 class Lumen:
-    """The lumen of a steady state, on the deformed mesh.
-
-    Attributes:
-        state: the state.
-        fluid: the blood.
-        flow_rate: through the vessel, m^2/s.
-    """
+    """The lumen of a steady state, on the deformed mesh; `flow_rate` through the vessel in m^2/s."""
 
     state: AneurysmState
     fluid: IncompressibleFluid
@@ -54,7 +47,7 @@ class Lumen:
         return inner, outer
 
     def widening(self, angle: float) -> float:
-        """Return the change of the width with the angle over the width, 1/rad."""
+        """Return the change of the width with the angle (rad) over the width, 1/rad."""
         before, after = (float(np.diff(self.radii(angle + step))[0]) for step in (-_STEP, _STEP))
         return float(np.log(after / before) / (2 * _STEP))
 
@@ -71,6 +64,15 @@ class Lumen:
             place = target - np.column_stack([found["ux"], found["uy"]])
         return float(self.state.fields.sample(place)["p"][0])
 
+    def stress(self, line: str, wall: str, limits: tuple[float, float], slowed: bool) -> Measured:
+        """Return the shear stress (Pa) of a wall's edges between two angles (rad) that is farthest off."""
+        state = self.state
+        x, y = (state.mesh.p2_coordinates + state.state.u)[state.points.middle].T
+        angle, frame = np.arctan2(y, x), state.wall
+        own = (frame["line"].to_numpy() == line) & (angle > limits[0]) & (angle < limits[1])
+        exact = [getattr(self.flow(float(at), slowed), wall) for at in angle[own]]
+        return worst(frame["wss"].to_numpy()[own], np.array(exact))
+
 
 def far_flow(result: Result) -> dict[str, Measured]:
     """Return pressure differences over `RANGES` and the wall shear stress where it is farthest off, both in Pa.
@@ -79,8 +81,7 @@ def far_flow(result: Result) -> dict[str, Measured]:
     deformed walls; with elastic walls also `..._slowed`, beside the flow that their widening slows down.
     """
     assert result.scene.fluid is not None
-    state = result.aneurysm
-    lumen = Lumen(state, result.scene.fluid, result.quantities["flow_rate_in"])
+    lumen = Lumen(result.aneurysm, result.scene.fluid, result.quantities["flow_rate_in"])
     found = {}
     for ending in ("", SLOWED) if result.scene.solid else ("",):
         for name, limits in RANGES.items():
@@ -92,15 +93,5 @@ def far_flow(result: Result) -> dict[str, Measured]:
             drop = lumen.pressure(float(first)) - lumen.pressure(float(last))
             found[f"{name}_pressure{ending}"] = Measured(drop, exact)
             for line, wall in (("inner", "inner"), ("dome", "outer")):
-                found[f"{name}_{wall}{ending}"] = _stress(lumen, line, wall, (first, last), bool(ending))
+                found[f"{name}_{wall}{ending}"] = lumen.stress(line, wall, (first, last), bool(ending))
     return found
-
-
-def _stress(lumen: Lumen, line: str, wall: str, limits: tuple[float, float], slowed: bool) -> Measured:
-    """Return the shear stress (Pa) of a wall's edges between two angles (rad) that is farthest off."""
-    state = lumen.state
-    x, y = (state.mesh.p2_coordinates + state.state.u)[state.points.middle].T
-    angle, frame = np.arctan2(y, x), state.wall
-    own = (frame["line"].to_numpy() == line) & (angle > limits[0]) & (angle < limits[1])
-    exact = [getattr(lumen.flow(float(at), slowed), wall) for at in angle[own]]
-    return worst(frame["wss"].to_numpy()[own], np.array(exact))

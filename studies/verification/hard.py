@@ -2,20 +2,36 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
+import math
+import re
+import shutil
+import time
+import traceback
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
-from studies.harness import Study
-from studies.tables import TextTable, number
-from studies.verification.hard_entries import load, select
-from studies.verification.hard_runs import Outcome, run_all
-from studies.verification.hard_verdicts import FAILED, GOOD, VERDICTS, Verdict, judge
-from studies.verification.section import markdown
+from ffsi.files import folder
+from ffsi.files.errors import InputError
+from ffsi.freefem import FreeFEMNotFound, find_freefem
+from ffsi.freefem.events import OnEvent
+from ffsi.hemodynamics.result import load_result, load_results
+from ffsi.result.quantities import flatten
+from ffsi.run.sweep import sweep
+from ffsi.scene import Scene, SceneError
+from ffsi.script.render import render
+from studies.harness import Study, side_by_side
+from studies.runs import history_of, run_one
+from studies.tables import Column, TextTable, columns, markdown, table
+from studies.verification.hard_entries import Entry, Expectation, load, numbers_of, select
 
 CSV, MARKDOWN = "hard.csv", "hard.md"
 RUNS = Path("runs/hard")
@@ -26,28 +42,259 @@ EXPLANATION = (
     "converged and checked, but a number is not as expected, or what should fail was solved. No claim: "
     "nothing is expected, or what it is compared with is not solved."
 )
-Judged = Sequence[tuple[Outcome, Verdict]]
+
+# Runs: each in a folder of its own, several at a time, and none twice -------------------------------------------------
+
+INVALID, ERROR = "refused", "error"
+"""Failures beside those of a Result: a scene that is not accepted; a fault of the program."""
+KILLED = "FreeFEM died (killed)"
+"""From outside: it is to run again."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of an entry, as its file `ID.json` has it."""
+
+    entry: Entry  # what was run
+    directory: Path  # the run folder, or that of the sweep
+    failure: str  # as of a Result, or `INVALID` or `ERROR`; of a sweep that of its first failed point
+    reason: str = ""  # of it, in words
+    warnings: Sequence[str] = ()  # what the program said beside the result
+    # Numbers (SI) of the run, or of each point of the sweep: none of one that was not solved.
+    rows: Sequence[Mapping[str, float | None]] = ()
+    seconds: float = 0.0  # of wall-clock time
+    freefem: Mapping[str, str] | None = None  # version and solver
+
+    def value(self, name: str, row: int | None = None) -> float:
+        """Return a number (SI) of a row, by default of the last solved one; NaN where there is none."""
+        solved = [point for point in self.rows if point]
+        if name == "points":
+            return float(len(solved))
+        try:
+            found = (solved[-1] if row is None else self.rows[row]).get(name)
+        except IndexError:
+            found = None
+        return math.nan if found is None else float(found)
+
+    def at(self, name: str, point: tuple[float, float]) -> float:
+        """Return a field at a point (m); NaN where there is none."""
+        try:
+            return load_result(self.directory).at(*point)[name]
+        except (InputError, ValueError, KeyError):
+            return math.nan
+
+    @cached_property
+    def history(self) -> pd.DataFrame:
+        """One row per step; no rows where there were none."""
+        return history_of(self.directory)
+
+
+def run_all(entries: Sequence[Entry], runs: Path, jobs: int = 1) -> dict[str, Outcome]:
+    """Run entries, `jobs` at a time, or what is missing of them; return by id whatever became of them.
+
+    A folder in `runs` that the present scene, script and limit have filled is read.
+    """
+    find_freefem()
+    runs.mkdir(parents=True, exist_ok=True)
+    return side_by_side({entry.id: partial(run, entry, runs) for entry in entries}, jobs, "verify --hard")
+
+
+def run(entry: Entry, runs: Path, on_event: OnEvent | None = None) -> Outcome:
+    """Run an entry, or read what an earlier call has found."""
+    file, directory = runs / f"{entry.id}.json", runs / entry.id
+    begin = time.perf_counter()
+    try:
+        scene = entry.scene()
+        digest = _digest(entry, scene)
+        known = folder.read_json(file) if file.is_file() else {}
+        if known.get("digest") == digest and "outcome" in known:
+            return Outcome(entry, directory, **known["outcome"])
+        if known.get("digest") != digest and directory.exists():
+            shutil.rmtree(directory)
+        folder.write_json(file, {"digest": digest})  # a run in time that is killed goes on
+        found = _found(entry, scene, directory, on_event)
+    except FreeFEMNotFound:
+        raise
+    except (SceneError, InputError) as error:
+        return Outcome(entry, directory, INVALID, str(error))
+    except Exception as error:
+        where = traceback.extract_tb(error.__traceback__)[-1]
+        reason = f"{type(error).__name__}: {error} ({Path(where.filename).name}, line {where.lineno})"
+        return Outcome(entry, directory, ERROR, reason)
+    found["seconds"] = round(time.perf_counter() - begin, 2)
+    if KILLED not in found["reason"]:
+        folder.write_json(file, {"digest": digest, "outcome": found})
+    return Outcome(entry, directory, **found)
+
+
+def _digest(entry: Entry, scene: Scene) -> str:
+    """Return what says whether an entry must run again: its own values and files, and the script of today."""
+    found = hashlib.sha256(repr((entry.case, dict(entry.set), dict(entry.vary), entry.limit)).encode())
+    found.update(render(scene, mumps=find_freefem().has_mumps).encode())
+    for path in entry.files:
+        found.update(path.read_bytes())
+    return found.hexdigest()
+
+
+def _found(entry: Entry, scene: Scene, directory: Path, on_event: OnEvent | None) -> dict[str, Any]:
+    """Run an entry, a scene or a sweep; return what became of it by the attributes of an `Outcome`."""
+    if not entry.vary:
+        points = [run_one(entry.id, scene, directory, on_event).data]
+        rows = [_numbers(points[0])]
+    else:
+        sweep(scene, entry.vary, directory, on_event=on_event)
+        points = [point.data for point in load_results(directory)]
+        rows = [{} if data["failure"] else {**data["varied"], **_numbers(data)} for data in points]
+    data = next((data for data in points if data["failure"]), points[0])
+    unchecked = not data["failure"] and not data.get("checked", data.get("check"))
+    return {
+        "failure": ERROR if unchecked else data["failure"],
+        "reason": "nobody checked it" if unchecked else data.get("reason") or "",
+        "warnings": list(dict.fromkeys(text for data in points for text in data.get("warnings", []))),
+        "rows": rows,
+        "freefem": data.get("freefem", {}),
+    }
+
+
+def _numbers(data: Mapping[str, Any]) -> dict[str, float]:
+    """Return the numbers of a run: its quantities, in time those of the last state too, and what it took."""
+    quantities, in_time = data.get("quantities") or {}, data.get("time") or {}
+    energy, smallest = in_time.get("energy") or {}, quantities.get("min_jacobian")
+    found = {**flatten(quantities), **flatten(in_time.get("last") or {})}
+    found |= {} if smallest is None else {"min_jacobian": float(smallest)}
+    found |= {"imbalance": abs(energy["imbalance"])} if "imbalance" in energy else {}
+    found |= {key: float(value) for key, value in (data.get("newton") or {}).items()}
+    return {key: value for key, value in found.items() if math.isfinite(value)}
+
+
+# Verdicts: what an outcome is worth beside what is expected -----------------------------------------------------------
+
+SOLVED, REFUSED, FAILED = "solved", "refused rightly", "failed"
+WRONG, CAUSE, NO_CLAIM = "wrong", "cause wrong or missing", "no claim"
+VERDICTS = (SOLVED, REFUSED, FAILED, WRONG, CAUSE, NO_CLAIM)
+GOOD = (SOLVED, REFUSED, NO_CLAIM)
+COSTS = ("iterations", "factorizations", "imbalance", "points")
+"""Numbers that make a result not wrong, but failed."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """A verdict, and what it rests on."""
+
+    word: str  # one of `VERDICTS`
+    # What came out beside what is expected, one text per expectation; or the reason of the failure.
+    shown: Sequence[str]
+
+
+def judge(own: Outcome, outcomes: Mapping[str, Outcome]) -> Verdict:
+    """Return the verdict on an outcome; `outcomes` holds those that it is compared with."""
+    entry = own.entry
+    said = "; ".join([own.reason, *own.warnings])
+    failed = [own.reason or own.failure]
+    if own.failure == ERROR:
+        return Verdict(FAILED, failed)
+    if entry.unlike and re.search(entry.unlike, said):
+        return Verdict(CAUSE, [said])
+    words, shown = _compared(own, outcomes)
+    if own.failure and not (entry.vary and WRONG in words):
+        words, shown = [_of_failure(own)], failed
+    elif entry.outcome == "fails":
+        words = [WRONG]
+    elif entry.warns and not any(re.search(entry.warns, text) for text in own.warnings):
+        words, shown = [CAUSE], [f"no warning of {entry.warns!r}", *shown]
+    elif entry.outcome == "open":
+        words = [NO_CLAIM]
+    return Verdict(next((word for word in (WRONG, FAILED, CAUSE, NO_CLAIM, REFUSED) if word in words), SOLVED), shown)
+
+
+def _of_failure(own: Outcome) -> str:
+    entry = own.entry
+    if entry.outcome in ("solves", "open"):
+        return FAILED if entry.outcome == "solves" else NO_CLAIM
+    said = [own.reason.partition("; last progress")[0], *own.warnings]
+    if any(re.search(entry.reason, text) for text in said):
+        return REFUSED
+    return FAILED if own.failure == "crash" else CAUSE
+
+
+def _compared(own: Outcome, outcomes: Mapping[str, Outcome]) -> tuple[list[str], list[str]]:
+    """Return a verdict and a text for each expectation."""
+    words, shown = [], []
+    for item in own.entry.expect:
+        other = outcomes.get(item.per)
+        if item.per and (other is None or other.failure):
+            words.append(NO_CLAIM)
+            shown.append(f"{item.of}: nothing to compare with, {item.per} is not solved")
+            continue
+        x = measure(item, own, other)
+        missing = bool(own.failure) and math.isnan(x)  # a point that is not solved has no wrong number
+        words.append(SOLVED if item.holds(x) else FAILED if missing or numbers_of(item.of)[1] in COSTS else WRONG)
+        beside = f" / {f'{item.times:g} ' if item.times != 1 else ''}{item.per}" if item.per else ""
+        shown.append(f"{item.of}{beside} = {x:.6g} ({item.text})")
+    return words, shown
+
+
+def measure(item: Expectation, own: Outcome, other: Outcome | None) -> float:
+    """Return the number x of an expectation; NaN where there is none.
+
+    `path NAME`: largest difference of two histories over the largest value of that of `other`, to which it is brought
+    linearly at the times of the own one.
+    """
+    form, name, *_ = numbers_of(item.of)
+    if form == "path":
+        if other is None or any(name not in each.history or each.history.empty for each in (own, other)):
+            return math.nan
+        values = item.times * other.history[name].to_numpy(dtype=np.float64)
+        beside = np.interp(own.history["time"], other.history["time"], values)
+        return float(np.abs(own.history[name] - beside).max() / np.abs(values).max())
+    x = _number(item.of, own)
+    y = 1.0 if other is None else item.times * _number(item.per_of or item.of, other)
+    return x / y if y else math.nan
+
+
+def _number(of: str, outcome: Outcome) -> float:
+    form, name, time, row, point = numbers_of(of)
+    if point is not None:
+        return outcome.at(name, point)
+    if form == "rise":
+        values = [outcome.value(name, i) for i, point in enumerate(outcome.rows) if point]
+        return float(np.diff(values).min()) if len(values) > 1 else math.nan
+    if time is None and form != "max":
+        return abs(outcome.value(name, row)) if form == "size" else outcome.value(name, row)
+    history = outcome.history
+    if name not in history or history.empty:
+        return math.nan
+    if form == "max":
+        return float(np.abs(history[name].to_numpy(dtype=np.float64)).max())
+    return float(np.interp(time or 0.0, history["time"], history[name]))
+
+
+# What is written ------------------------------------------------------------------------------------------------------
 
 
 def main(*, jobs: int = 1, out: Path | None = None, runs: Path = RUNS, only: str | None = None) -> list[str]:
     """Run the hard cases, print what is not as expected, and write all down. A second call runs what is missing.
 
-    Args:
-        only: patterns of names such as `h-*,k-creep`; None: all.
-
-    Returns:
-        For each case empty, or its failure as of a Result: of a wrong number or cause `check`.
+    `only` are patterns of names such as `h-*,k-creep`. A wrong number or cause is the failure `check`.
     """
     study = Study("verify --hard" + (f" --only '{only}'" if only else ""), out)
     titles, entries = load()
     outcomes = run_all(select(entries, only), runs, jobs)
-    judged = [(outcome, judge(outcome, outcomes)) for outcome in outcomes.values()]
-    counts(judged, titles).print()
-    if table := bad_ones(judged):
-        table.print()
-    written = study.written(outcomes.values())
-    study.write({CSV: lambda: to_frame(judged), MARKDOWN: lambda: document(judged, titles, written)}, digits=None)
-    return ["" if verdict.word in GOOD else _failure(outcome, verdict) for outcome, verdict in judged]
+    verdicts = {name: judge(outcome, outcomes) for name, outcome in outcomes.items()}
+    frame = pd.DataFrame([_row(outcome, verdicts[name]) for name, outcome in outcomes.items()])
+    bad = frame[~frame["verdict"].isin(GOOD)].to_dict("records")
+    counted, wrong = counts(frame, titles), table(bad, WRONG_COLUMNS, left=3)
+    counted.print()
+    parts: list[str | TextTable] = ["# Hard cases", study.written({"freefem": o.freefem} for o in outcomes.values())]
+    parts += [EXPLANATION, counted]
+    if bad:
+        wrong.print()
+        parts += ["## Not as expected", wrong]
+    for group, title in titles.items():
+        if own := [row for row in frame.to_dict("records") if row["id"].partition("-")[0] == group]:
+            parts += [f"## {title}", table(own, CASE_COLUMNS, left=4)]
+    study.write({CSV: lambda: frame, MARKDOWN: lambda: markdown(parts) + "\n"}, digits=None)
+    return ["" if verdict.word in GOOD else _failure(outcomes[name], verdict) for name, verdict in verdicts.items()]
 
 
 def _failure(outcome: Outcome, verdict: Verdict) -> str:
@@ -55,63 +302,29 @@ def _failure(outcome: Outcome, verdict: Verdict) -> str:
     return outcome.failure if verdict.word == FAILED and known else "check"
 
 
-def counts(judged: Judged, titles: Mapping[str, str]) -> TextTable:
+def counts(frame: pd.DataFrame, titles: Mapping[str, str]) -> TextTable:
     """Return how many cases of each group have which verdict."""
-    table = TextTable(["group", "cases", *VERDICTS])
-    by_group = {title: [item for item in judged if item[0].entry.group == key] for key, title in titles.items()}
-    for title, items in [*by_group.items(), ("all", list(judged))]:
-        if items:
-            found = Counter(verdict.word for _, verdict in items)
-            table.add(title, str(len(items)), *(str(found[word] or "") for word in VERDICTS))
-    return table
+    groups = frame["id"].str.partition("-")[0]
+    rows = []
+    for title, own in [*((title, frame[groups == key]) for key, title in titles.items()), ("all", frame)]:
+        if len(own):
+            found = Counter(own["verdict"])
+            rows.append([title, str(len(own)), *(str(found[word] or "") for word in VERDICTS)])
+    return TextTable(["group", "cases", *VERDICTS], rows)
 
 
-def bad_ones(judged: Judged) -> TextTable | None:
-    """Return what is not as expected; None if all is."""
-    table = TextTable(["not as expected", "verdict", "what came out"], left=3)
-    for outcome, verdict in judged:
-        if verdict.word not in GOOD:
-            table.add(outcome.entry.id, verdict.word, _shown(verdict))
-    return table if table.body else None
-
-
-def cases(judged: Judged) -> TextTable:
-    """Return a row per case."""
-    table = TextTable(
-        ["case", "what", "verdict", "came out (expected), or the reason", "iterations", "min J", "s"], left=4
-    )
-    for outcome, verdict in judged:
-        table.add(
-            outcome.entry.id,
-            outcome.entry.what,
-            verdict.word,
-            _shown(verdict),
-            number(outcome.value("iterations"), "{:.0f}"),
-            number(outcome.value("min_jacobian"), "{:.3f}"),
-            number(outcome.seconds or None),
-        )
-    return table
-
-
-def _shown(verdict: Verdict) -> str:
-    text = "; ".join(verdict.shown).replace("|", "\\|").replace("\n", " ")
+def _shown(row: Mapping[str, Any]) -> str:
+    text = str(row["shown"]).replace("|", "\\|").replace("\n", " ")
     return text if len(text) < 300 else f"{text[:297]}..."
 
 
-def document(judged: Judged, titles: Mapping[str, str], written: str) -> str:
-    """Return `hard.md`."""
-    parts: list[str | TextTable] = ["# Hard cases", written, EXPLANATION, counts(judged, titles)]
-    if table := bad_ones(judged):
-        parts += ["## Not as expected", table]
-    for group, title in titles.items():
-        if items := [item for item in judged if item[0].entry.group == group]:
-            parts += [f"## {title}", cases(items)]
-    return markdown(parts) + "\n"
-
-
-def to_frame(judged: Judged) -> pd.DataFrame:
-    """Return one row per case."""
-    return pd.DataFrame([_row(outcome, verdict) for outcome, verdict in judged])
+WRONG_COLUMNS = (*columns("not as expected = id | verdict"), Column("what came out", _shown))
+CASE_COLUMNS = (
+    *columns("case = id | what | verdict"),
+    Column("came out (expected), or the reason", _shown),
+    *columns("iterations :.0f | min J = min_jacobian :.3f"),
+    Column("s", lambda row: row["seconds"] or None, "{:.1f}"),
+)
 
 
 def _row(outcome: Outcome, verdict: Verdict) -> dict[str, Any]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import fnmatch
 import re
 import tomllib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -24,37 +24,31 @@ _OF = re.compile(
 
 @dataclass(frozen=True)
 class Expectation:
-    """A number x and where it must lie.
+    """A number x and where it must lie."""
 
-    Attributes:
-        of: what x is (SI): a quantity of the result (in time of the last state), `iterations`, `imbalance` (of the
-            energy, its size), `points` (solved ones of a sweep), or FORM of those in the data's README.
-        per: another entry, whose number x is divided by; `times` multiplies that number, `per_of` says of what it is.
-        value: what x is, 1 with `per` if neither it nor a bound is given; up to the part `within` of it, or `off` by
-            so much.
-        above: lower bound.
-        below: upper bound.
-    """
-
+    # What x is (SI): a quantity of the result (in time of the last state), `iterations`, `imbalance` (of the
+    # energy, its size), `points` (solved ones of a sweep), or FORM of those in the data's README.
     of: str
+    # Another entry, whose number x is divided by; `times` multiplies that number, `per_of` says of what it is.
     per: str = ""
     per_of: str = ""
     times: float = 1.0
+    # What x is, 1 with `per` if neither it nor a bound is given; up to the part `within` of it, or `off` by so
+    # much.
     value: float | None = None
     within: float = 0.0
     off: float = 0.0
-    above: float | None = None
-    below: float | None = None
+    above: float | None = None  # lower bound
+    below: float | None = None  # upper bound
 
     def __post_init__(self) -> None:
         """Refuse what cannot be evaluated, or holds of every number."""
         if not all(_OF.fullmatch(text) for text in (self.of, self.per_of) if text):
             raise ValueError(f"of = {self.of!r}, per_of = {self.per_of!r}: not of a known form")
-        if self.per and self.value is None and self.above is None and self.below is None:
+        free = self.value is None and self.above is None and self.below is None
+        if free and self.per:
             object.__setattr__(self, "value", 1.0)
-        if (self.value is not None) != (self.within + self.off > 0) or (self.value, self.above, self.below) == (
-            None,
-        ) * 3:
+        if (self.value is not None) != (self.within + self.off > 0) or (free and not self.per):
             raise ValueError(f"{self.of}: needs above, below, or a value with one of within and off")
 
     def holds(self, x: float) -> bool:
@@ -75,38 +69,23 @@ class Expectation:
 
 @dataclass(frozen=True)
 class Entry:
-    """A hard case.
+    """A hard case."""
 
-    Attributes:
-        id: its name; what stands before the first `-` is its group.
-        what: in words.
-        case: of the catalogue, or a scene file below `DATA`.
-        set: values by dotted key.
-        vary: values of a sweep by dotted key; empty: a single run.
-        outcome: `solves`, `fails` (and must name the cause), `either`, or `open` (nothing is claimed).
-        reason: pattern of the cause; `unlike`: what must not be said.
-        warns: pattern of what must be said of a solved one.
-        expect: of a solved one, of a sweep also if it ended early.
-        why: where the expectation is from.
-        note: where it departs from what was asked for, and why.
-        quick: part of the short selection.
-        limit: s of wall-clock time.
-    """
-
-    id: str
-    what: str
-    case: str
-    why: str = ""
-    set: Mapping[str, Any] = field(default_factory=dict)
+    id: str  # its name; what stands before the first `-` is its group
+    what: str  # in words
+    case: str  # of the catalogue, or a scene file below `DATA`
+    why: str = ""  # where the expectation is from
+    set: Mapping[str, Any] = field(default_factory=dict)  # values by dotted key
+    # Values of a sweep by dotted key; empty: a single run.
     vary: Mapping[str, Sequence[float]] = field(default_factory=dict)
-    outcome: str = "solves"
-    reason: str = ""
+    outcome: str = "solves"  # `solves`, `fails` (and must name the cause), `either`, or `open` (nothing is claimed)
+    reason: str = ""  # pattern of the cause; `unlike`: what must not be said
     unlike: str = ""
-    warns: str = ""
-    expect: tuple[Expectation, ...] = ()
-    note: str = ""
-    quick: bool = False
-    limit: float = 120.0
+    warns: str = ""  # pattern of what must be said of a solved one
+    expect: tuple[Expectation, ...] = ()  # of a solved one, of a sweep also if it ended early
+    note: str = ""  # where it departs from what was asked for, and why
+    quick: bool = False  # part of the short selection
+    limit: float = 120.0  # s of wall-clock time
 
     def __post_init__(self) -> None:
         """Refuse what contradicts itself."""
@@ -126,11 +105,7 @@ class Entry:
         return [] if self.case in CASES else sorted((DATA / self.case).parent.iterdir())
 
     def scene(self) -> Scene:
-        """Return what is solved.
-
-        Raises:
-            SceneError: it is refused.
-        """
+        """Return what is solved; SceneError: it is refused."""
         scene = CASES[self.case] if self.case in CASES else load_scene(DATA / self.case)
         return with_values(scene, {**PLAIN, **self.set, "solver.time_limit": self.limit})
 
@@ -140,34 +115,27 @@ def numbers_of(of: str) -> tuple[str, str, float | None, int | None, tuple[float
     found = _OF.fullmatch(of)
     assert found is not None
     form, name, time, row, x, y = found.groups()
-    point = None if x is None else (float(x), float(y))
-    return form or "", name, None if time is None else float(time), None if row is None else int(row), point
+    point = (float(x), float(y)) if x else None
+    return form or "", name, float(time) if time else None, int(row) if row else None, point
 
 
 @cache
 def load() -> tuple[dict[str, str], dict[str, Entry]]:
-    """Return the titles of the groups by name, and all entries by id.
-
-    Raises:
-        ValueError: an entry contradicts itself, or compares with one that is not there; TypeError: an unknown key.
-    """
+    """Return the titles of the groups by name, and all entries by id."""
     titles, entries = {}, {}
     for path in sorted(DATA.glob("*.toml")):
         table = tomllib.loads(path.read_text(encoding="utf-8"))
         group = path.stem.partition("-")[0]
         titles[group] = table["title"]
         for name, own in table["scene"].items():
-            entries[f"{group}-{name}"] = _entry(f"{group}-{name}", {**table.get("default", {}), **own})
+            values = {**table.get("default", {}), **own}
+            values |= {key: _flat(values.get(key, {})) for key in ("set", "vary")}
+            expect = tuple(Expectation(**item) for item in values.pop("expect", []))
+            entries[f"{group}-{name}"] = Entry(id=f"{group}-{name}", expect=expect, **values)
     for entry in entries.values():
         if missing := [item.per for item in entry.expect if item.per and item.per not in entries]:
             raise ValueError(f"{entry.id} compares with {missing[0]}, which is not there")
     return titles, entries
-
-
-def _entry(name: str, table: Mapping[str, Any]) -> Entry:
-    parts = {"set": _flat(table.get("set", {})), "vary": _flat(table.get("vary", {}))}
-    expect = tuple(Expectation(**item) for item in table.get("expect", []))
-    return Entry(id=name, **{**table, **parts, "expect": expect})
 
 
 def _flat(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
@@ -178,23 +146,13 @@ def _flat(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
 
 
 def select(entries: Mapping[str, Entry], only: str | None = None) -> list[Entry]:
-    """Return the entries that match one of the patterns, separated by commas, and those that they compare with.
-
-    Raises:
-        InputError: a pattern matches none.
-    """
+    """Return the entries that match one of the patterns, separated by commas, and those that they compare with."""
     patterns = [pattern.strip() for pattern in (only or "*").split(",")]
     if unused := [pattern for pattern in patterns if not fnmatch.filter(entries, pattern)]:
         raise InputError(f"--only: no hard case matches {unused[0]!r}; names look like {', '.join([*entries][:3])}")
-    chosen = {name for pattern in patterns for name in fnmatch.filter(entries, pattern)}
-    return [entry for name, entry in entries.items() if name in chosen | _others(entries, chosen)]
-
-
-def _others(entries: Mapping[str, Entry], names: Iterable[str]) -> set[str]:
-    """Return the entries that these compare with, directly or not."""
     found: set[str] = set()
-    todo = set(names)
-    while todo:
-        todo = {item.per for name in todo for item in entries[name].expect if item.per} - found
+    todo = {name for pattern in patterns for name in fnmatch.filter(entries, pattern)}
+    while todo:  # those that they compare with, directly or not
         found |= todo
-    return found
+        todo = {item.per for name in todo for item in entries[name].expect if item.per} - found
+    return [entry for name, entry in entries.items() if name in found]

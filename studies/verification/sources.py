@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-import csv
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+
+import pandas as pd
 
 from ffsi.result.published import references
 from ffsi.result.quantities import WORDS
@@ -27,33 +29,31 @@ class ReferenceSet:
 
     def error(self, quantity: str, value: float) -> float:
         """Return (value - reference) / |reference|; NaN if the source has no such quantity."""
-        reference = self.values.get(quantity)
-        return float("nan") if reference is None else (value - reference) / abs(reference)
+        reference = self.values.get(quantity, math.nan)
+        return (value - reference) / abs(reference)
 
-
-def reference_sets(case: str, variant: str = "") -> list[ReferenceSet]:
-    """Return what is known about a steady case, the published benchmark values first; empty if there is nothing.
-
-    Periodic values (those with an amplitude) are left out.
-
-    Args:
-        case: name of the catalogue's case.
-        variant: name of the variant; empty for the case as it stands in the catalogue.
-    """
-    published = {} if variant else references(case)
-    steady = {name: item.mean for name, item in published.items() if item.amplitude is None and item.mean is not None}
-    first = [ReferenceSet("Featflow" if case.startswith("turek") else "DFG", steady)] if steady else []
-    return [*first, *_further().get((case, variant), [])]
+    def errors(self, values: Mapping[str, float]) -> dict[str, float]:
+        """Return the relative error of each value (SI) that the source has."""
+        return {name: self.error(name, values[name]) for name in self.values if name in values}
 
 
 @cache
-def _further() -> dict[tuple[str, str], list[ReferenceSet]]:
-    found: dict[tuple[str, str], dict[tuple[str, bool], dict[str, float]]] = {}
-    text = FURTHER.read_text(encoding="utf-8")
-    for row in csv.DictReader(text.splitlines()):
-        sources = found.setdefault((row["case"], row["variant"]), {})
-        sources.setdefault((row["source"], row["use"] == "error"), {})[row["quantity"]] = float(row["value"])
-    return {
-        key: [ReferenceSet(source, values, compared) for (source, compared), values in sources.items()]
-        for key, sources in found.items()
-    }
+def reference_sets(case: str, variant: str = "") -> list[ReferenceSet]:
+    """Return what is known about a variant of a case, the published benchmark values first.
+
+    Periodic values (those with an amplitude) are left out.
+    """
+    published = {} if variant else references(case)
+    steady = {name: item.mean for name, item in published.items() if item.amplitude is None and item.mean is not None}
+    found = [ReferenceSet("Featflow" if case.startswith("turek") else "DFG", steady)] if steady else []
+    table = pd.read_csv(FURTHER, dtype=str, keep_default_na=False)
+    own = table[(table["case"] == case) & (table["variant"] == variant)]
+    for (source, use), rows in own.groupby(["source", "use"], sort=False):
+        values = dict(zip(rows["quantity"], rows["value"].astype(float), strict=True))
+        found.append(ReferenceSet(str(source), values, use == "error"))
+    return found
+
+
+def compared(case: str, variant: str = "") -> list[ReferenceSet]:
+    """Return the sources that the errors of a case are taken against."""
+    return [source for source in reference_sets(case, variant) if source.compared]

@@ -6,16 +6,22 @@ from types import SimpleNamespace
 import pandas as pd
 import pytest
 
-from ffsi.files.errors import InputError
-from ffsi.freefem import FreeFEMError
 from ffsi.scene import CASES, load_scene
 from studies.__main__ import main
-from studies.bench import costs, levels, mesh_motion, scenes
-from studies.bench.costs import RATIOS, cost_row, marked, ratios
-from studies.bench.levels import level_table, ratio_table, to_row
-from studies.bench.mesh_motion import MOTIONS, SWEEPS, Motion, Sweep, Track, steps
-from studies.bench.scenes import FORMULATIONS, formulation_rows, formulation_table, scene_table
-from studies.measurement import Measurement
+from studies.bench import mesh_motion, steady
+from studies.bench.mesh_motion import MOTIONS, SWEEPS, Motion, Sweep, Track
+from studies.bench.steady import (
+    FORMULATIONS,
+    RATIOS,
+    cost_row,
+    formulation_rows,
+    formulation_table,
+    level_row,
+    level_tables,
+    ratios,
+    scene_table,
+)
+from studies.runs import Run, multiples
 
 TIMINGS = {
     "mesh": 0.1, "operators": 0.3, "residual": 0.05, "jacobian": 0.35, "factorize": 0.5, "solve": 0.1, "output": 0.15,
@@ -26,11 +32,11 @@ BLOCKS = ("bench", "bench-scenes", "mesh-motion")
 README = "".join(f"<!-- {name}:begin -->\n<!-- {name}:end -->\n" for name in BLOCKS)
 
 
-def run(level: int = 2, factor: float = 1.0, case: str = "turek-fsi1") -> Measurement:
+def run(level: int = 2, factor: float = 1.0, case: str = "turek-fsi1") -> Run:
     """A run with these timings; `factor` multiplies all but those of a single factorisation, Jacobian, ..."""
     timings = {name: value if name.startswith("one_") else factor * value for name, value in TIMINGS.items()}
-    return Measurement(
-        case, level,
+    return Run(
+        case,
         {
             "case": case, "status": "converged", "failure": "", "level": level, "unknowns": 1000 * level + 5000,
             "triangles": 2800, "newton": {"iterations": 6, "factorizations": 1}, "timings": timings,
@@ -40,8 +46,8 @@ def run(level: int = 2, factor: float = 1.0, case: str = "turek-fsi1") -> Measur
     )  # fmt: skip
 
 
-def failed(case: str, level: int) -> Measurement:
-    return Measurement(case, level, {"status": "failed", "failure": "not-converged", "reason": "J too small"})
+def failed(case: str, level: int) -> Run:
+    return Run(case, {"status": "failed", "failure": "not-converged", "reason": "J too small", "level": level})
 
 
 def test_ratios_are_sums_of_phases_over_one_factorisation():
@@ -63,7 +69,7 @@ def test_a_phase_that_was_not_timed_gives_no_ratio():
 
 
 def test_repeated_runs_give_medians():
-    row = to_row([run(factor=1), run(factor=10), run(factor=2)])
+    row = level_row([run(factor=1), run(factor=10), run(factor=2)])
     assert (row["seconds"], row["script_seconds"]) == (6.0, 4.0)
     assert row["ratio_newton"] == pytest.approx(4)
     assert (row["runs"], row["status"]) == (3, "converged")
@@ -72,54 +78,38 @@ def test_repeated_runs_give_medians():
 
 
 def test_tables_mark_what_is_above_its_bound_and_stay_whole_after_a_failure():
-    rows = [to_row([run()]), to_row([run(factor=3)]), to_row([failed("turek-fsi1", 3)])]
-    table = ratio_table(rows)
+    first, second, table = level_tables([level_row([run()]), level_row([run(factor=3)]), level_row([failed("x", 3)])])
     assert table.head[3] == "residual + Jacobian + factorise + solve (below 5)"
     assert table.body[0] == ["2", "7000", "0.500", "2.00", "0.50", "0.010", "1.20"]
     assert table.body[1][3] == "6.00 !"
     assert set(table.body[2][1:]) == {"–"}
-    assert level_table(rows, "turek-fsi1").body[0][3:5] == ["2.00", "3.00"]
-
-
-def test_a_case_without_published_values_still_has_times():
-    rows = [to_row([run(case="flap-svk")])]
-    assert level_table(rows, "flap-svk").body == [["2", "7000", "2800", "2.00", "3.00", "6", "1"]]
-    assert levels.draw(rows, "flap-svk") is not None
+    assert first.body[0][3:5] == ["2.00", "3.00"]
+    assert second.title == "errors against hp"
 
 
 def test_table_picture_and_readme_are_written(tmp_path, monkeypatch, capsys):
     readme = tmp_path / "README.md"
     readme.write_text(README)
-    monkeypatch.setattr(levels, "measure", lambda case, level: run(level, level + 1))
-    assert levels.main([0, 1], repeat=2, out=tmp_path / "results", readme=readme) == ["", "", "", ""]
+    monkeypatch.setattr(steady, "measure", lambda variant, level: run(level, level + 1))
+    assert steady.main_levels(repeat=2, out=tmp_path / "results", readme=readme) == [""] * 10
     frame = pd.read_csv(tmp_path / "results/bench-turek-fsi1.csv")
-    assert frame["script_seconds"].tolist() == [2, 4]
+    assert frame["script_seconds"].tolist() == [2, 4, 6, 8, 10]
     assert (tmp_path / "results/bench-turek-fsi1.png").read_bytes().startswith(b"\x89PNG")
     text = readme.read_text()
-    assert "Written by `python -m studies bench --levels 0,1 --repeat 2`" in text
+    assert "Written by `python -m studies bench --repeat 2`" in text
     assert "(results/bench-turek-fsi1.png)" in text
     out = capsys.readouterr().out
     assert "errors against hp" in out
     assert "one residual (below 0.05)" in out
-
-
-def test_a_failed_run_is_returned_and_leaves_the_readme_alone(tmp_path, monkeypatch):
-    readme = tmp_path / "README.md"
-    readme.write_text(README)
-    monkeypatch.setattr(levels, "measure", failed)
-    assert levels.main([0], readme=readme) == ["not-converged"]
-    assert readme.read_text() == README
-
-
-def test_at_least_one_run():
-    with pytest.raises(InputError, match="at least one run, not 0"):
-        levels.main([0], repeat=0)
+    monkeypatch.setattr(steady, "measure", lambda variant, level: failed(variant.case, level))
+    assert steady.main_levels(readme=readme) == ["not-converged"] * 5
+    assert readme.read_text() == text
 
 
 # Scenes -------------------------------------------------------------------------------------------------------------
 
 
-def solution(**timings: float) -> Measurement:
+def solution(**timings: float) -> Run:
     """A run whose timings differ from `TIMINGS`."""
     base = run(case="cook")
     return replace(base, data={**base.data, "timings": {**TIMINGS, "coarser_meshes": 0.25, **timings}})
@@ -134,10 +124,6 @@ def test_scenes_name_the_phases_of_what_is_above_a_bound():
     assert table.body[1][-1] == "Newton: solve 6.0, Jacobian 4.0, factorise 1.0, residual 0.1; one Jacobian"
     assert table.body[2] == ["flap-svk", "2", *["–"] * 9, ""]
     assert scene_table(rows).body == [row[:-1] for row in table.body[:2]]
-
-
-def test_what_is_exactly_at_its_bound_is_not_marked():
-    assert [marked(value, 1.5) for value in (1.5, 1.51, None, float("nan"))] == ["1.50", "1.51 !", "–", "–"]
 
 
 def test_formulations_are_compared_within_a_repetition():
@@ -162,8 +148,8 @@ def test_a_formulation_that_failed_has_no_quotient():
 
 
 def test_every_scene_has_a_level_and_every_formulation_is_a_scene():
-    assert set(scenes.LEVELS) | set(scenes.FORMULATED) <= set(CASES.steady)
-    for case, solid in scenes.FORMULATED.items():
+    assert set(steady.NEAREST) | set(steady.FORMULATED) <= set(CASES.steady)
+    for case, solid in steady.FORMULATED.items():
         for formulation in FORMULATIONS:
             scene = load_scene(case, [f"solid.{solid}.formulation={formulation}"])
             assert scene.solid[solid].mixed == (formulation != "displacement")
@@ -174,22 +160,21 @@ def runs(monkeypatch) -> list[tuple[str, tuple[str, ...]]]:
     """Replace the runs of `--scenes` by given ones; the calls are recorded."""
     calls = []
 
-    def solved(case, settings=()):
-        calls.append((case, tuple(settings)))
-        return replace(solution(), case=case)
+    def solved(case, *settings):
+        calls.append((case, settings))
+        return replace(solution(), name=case)
 
-    monkeypatch.setattr(scenes, "run", solved)
+    monkeypatch.setattr(steady, "run", solved)
+    monkeypatch.setattr(steady, "measure", lambda variant, level: solution())
     return calls
 
 
 def test_scenes_are_run_and_written(tmp_path, runs, capsys):
     readme = tmp_path / "README.md"
     readme.write_text(README)
-    assert set(scenes.main(repeat=2, out=tmp_path / "results", readme=readme)) == {""}
-    assert [runs.count((case, (f"mesh.level={scenes.level_of(case)}",))) for case in CASES.steady] == [2] * len(
-        CASES.steady
-    )
-    pairs = [settings[-1].partition("formulation=")[2] for _, settings in runs if "formulation" in settings[-1]]
+    assert set(steady.main_scenes(repeat=2, out=tmp_path / "results", readme=readme)) == {""}
+    assert [runs.count((case, ())) for case in CASES.steady] == [2] * len(CASES.steady)
+    pairs = [settings[0].partition("formulation=")[2] for _, settings in runs if settings]
     assert pairs == [*FORMULATIONS] * 6
     assert len(pd.read_csv(tmp_path / "results/bench-scenes.csv")) == len(CASES.steady)
     assert pd.read_csv(tmp_path / "results/bench-formulations.csv")["quotient_newton"].tolist() == [1] * 9
@@ -199,32 +184,22 @@ def test_scenes_are_run_and_written(tmp_path, runs, capsys):
     assert "Formulations of the solid" in capsys.readouterr().out
 
 
-def test_a_failed_scene_leaves_the_readme_alone(tmp_path, monkeypatch):
+def test_a_failed_scene_leaves_the_readme_alone(tmp_path, runs, monkeypatch):
     readme = tmp_path / "README.md"
     readme.write_text(README)
-    monkeypatch.setattr(scenes, "run", lambda case, settings=(): failed(case, 2))
-    assert set(scenes.main(readme=readme)) == {"not-converged"}
+    monkeypatch.setattr(steady, "run", lambda case, *settings: failed(case, 2))
+    assert set(steady.main_scenes(readme=readme)) == {"not-converged"}
     assert readme.read_text() == README
-    with pytest.raises(InputError, match="at least one run, not 0"):
-        scenes.main(repeat=0)
 
 
 def test_a_run_counts_what_was_done_on_coarser_meshes(monkeypatch):
     history = pd.DataFrame({"stage": [1, 1, 2, 2], "seconds": [0.1, 0.4, 0.9, 1.0]})
     done = SimpleNamespace(data=dict(solution().data), solved=True, history=history)
-    monkeypatch.setattr("studies.harness.solve", lambda scene, **_: done)
-    found = costs.run("cook", ["mesh.level=1"])
-    assert (found.level, found.timings["coarser_meshes"]) == (1, 0.4)
+    monkeypatch.setattr("studies.runs.solve", lambda scene, **_: done)
+    found = steady.run("cook")
+    assert (found.level, found.timings["coarser_meshes"]) == (2, 0.4)
     done.history = history[history["stage"] == 2]
-    assert costs.run("cook").timings["coarser_meshes"] == 0
-
-
-def test_a_run_that_dies_is_a_measurement(monkeypatch):
-    def die(scene, **_):
-        raise FreeFEMError("crash", "signal 11")
-
-    monkeypatch.setattr("studies.harness.solve", die)
-    assert costs.run("cook").failure == "crash"
+    assert steady.run("cylinder-2d1").timings["coarser_meshes"] == 0
 
 
 # Mesh motion --------------------------------------------------------------------------------------------------------
@@ -249,44 +224,49 @@ def track(motion: Motion, *jacobians: float, failure: str = "", sweep: Sweep = S
     """A sweep with these min J; with a failure that is what its last point has."""
     last = len(jacobians)
     points = [point(i, value, failure if i == last else "") for i, value in enumerate(jacobians, start=1)]
-    return Track(sweep, motion, 1, tuple(points))
+    return Track(sweep, motion, points)
+
+
+def known(found: Track) -> dict[str, object]:
+    """What the line of a track says of its sweep."""
+    names = [*found.motion._fields, "roof", "ended"]
+    return {key: value for key, value in found.row.items() if key not in names and value is not None}
 
 
 def test_a_sweep_to_its_last_point():
     found = track(GOOD, 0.7, 0.5, 0.4)
-    assert (found.reaches, found.complete, found.end, found.failures) == (0.18, True, None, [])
-    assert found.row() == {
-        "reaches": 0.18, "min_jacobian_last": 0.4, "min_jacobian": 0.5, "tip_ux": 0.13, "seconds": 3.0,
+    assert (found.complete, found.end, found.failures) == (True, None, [])
+    assert known(found) == {
+        "reaches": "≥ 0.18", "min_jacobian_last": 0.4, "min_jacobian": 0.5, "tip_ux": 0.13, "seconds": 3.0,
         "iterations": 20, "factorizations": 2, "one_factorization": 0.1, "one_jacobian": 0.07,
     }  # fmt: skip
 
 
 def test_where_a_sweep_ends_is_a_finding():
     found = track(POOR, 0.7, 0.01, failure="not-converged")
-    assert (found.reaches, found.complete, found.failures) == (0.06, False, [])
+    assert (found.row["reaches"], found.complete, found.failures) == ("0.06", False, [])
     assert found.end is not None and found.end[0] == 0.12
-    assert found.row()["min_jacobian_last"] == 0.7
-    assert "min_jacobian" not in found.row()
-    nothing = track(POOR, 0.01, failure="not-converged")
-    assert (nothing.reaches, nothing.row()) == (None, {})
+    assert found.row["min_jacobian_last"] == 0.7
+    assert "min_jacobian" not in known(found)
+    assert known(track(POOR, 0.01, failure="not-converged")) == {"reaches": "–"}
 
 
 def test_a_failed_check_is_a_solved_point_and_a_failure():
     found = track(GOOD, 0.7, 0.5, 0.4, failure="check")
-    assert (found.reaches, found.failures) == (0.18, ["check"])
+    assert (found.row["reaches"], found.failures) == ("≥ 0.18", ["check"])
     assert track(GOOD, 0.7, 0.5, failure="crash").failures == ["crash"]
 
 
 def test_the_tables_of_mesh_motions():
     tracks = [track(GOOD, 0.7, 0.5, 0.4), track(POOR, 0.01, failure="not-converged")]
-    table = mesh_motion.table(tracks, reasons=True)
+    table = mesh_motion.motion_table(tracks, mesh_motion.ENDED)
     costs_of_good = ["3.0", "20", "2", "0.100", "0.070"]
     assert table.body[0] == [
         "rigid", "hyperelastic, size", "1", "0", "5", "≥ 0.18", "0.400", "0.500", "0.13000", *costs_of_good, "–"
     ]  # fmt: skip
     ended = "the fluid mesh folds at (0.54, 0.2)"
     assert table.body[1] == ["rigid", "harmonic, constant", "0", "0", "0", *["–"] * 9, ended]
-    assert [row[:-1] for row in table.body] == mesh_motion.table(tracks).body
+    assert [row[:-1] for row in table.body] == mesh_motion.motion_table(tracks).body
     frame = mesh_motion.frame(tracks)
     assert frame["inflow.mean_velocity"].tolist() == [0.06, 0.12, 0.18, 0.06]
     assert frame["min_jacobian_fluid"].tolist()[:3] == [0.7, 0.5, 0.4]
@@ -301,7 +281,7 @@ def test_every_mesh_motion_is_a_scene_and_both_sweeps_hold_the_common_point():
         assert scenes_of[MOTIONS.index(GOOD)] == load_scene(sweep.case, [])
         assert len({scene.to_toml() for scene in scenes_of}) == len(MOTIONS)
     assert SWEEPS[0].velocities[-1] == 0.3
-    assert steps(0.1, 3) == (0.1, 0.2, 0.3)
+    assert multiples(0.1, 3) == (0.1, 0.2, 0.3)
 
 
 def test_a_sweep_is_one_chain_that_ends_at_its_first_failure(monkeypatch):
@@ -313,8 +293,8 @@ def test_a_sweep_is_one_chain_that_ends_at_its_first_failure(monkeypatch):
         return [SimpleNamespace(data=item, solved=not item["failure"]) for item in data]
 
     monkeypatch.setattr(mesh_motion, "run_chain", chain)
-    found = mesh_motion.run(SHORT, POOR, 2)
-    assert seen == [("harmonic", 2, [{"inflow.mean_velocity": v} for v in SHORT.velocities], "none")]
+    found = mesh_motion.run(SHORT, POOR)
+    assert seen == [("harmonic", 1, [{"inflow.mean_velocity": v} for v in SHORT.velocities], "none")]
     assert [item["failure"] for item in found.points] == ["", "not-converged"]
 
 
@@ -322,7 +302,7 @@ def test_mesh_motions_are_run_and_written(tmp_path, monkeypatch, capsys):
     readme = tmp_path / "README.md"
     readme.write_text(README)
 
-    def solved(sweep, motion, level, on_event):
+    def solved(sweep, motion):
         if motion == POOR:
             return track(motion, 0.0, failure="not-converged", sweep=sweep)
         return track(motion, 0.7, 0.5, sweep=sweep)
@@ -343,7 +323,7 @@ def test_a_sweep_that_no_mesh_motion_starts_is_a_failure(tmp_path, monkeypatch):
     readme = tmp_path / "README.md"
     readme.write_text(README)
     monkeypatch.setattr(
-        mesh_motion, "run", lambda sweep, motion, *_: track(motion, 0.0, failure="not-converged", sweep=sweep)
+        mesh_motion, "run", lambda sweep, motion: track(motion, 0.0, failure="not-converged", sweep=sweep)
     )
     assert mesh_motion.main(readme=readme) == ["not-converged", "not-converged"]
     assert readme.read_text() == README
@@ -353,36 +333,28 @@ def test_a_sweep_that_no_mesh_motion_starts_is_a_failure(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("words", "module", "options"),
+    ("words", "module", "function", "options"),
     [
-        (["--scenes", "--repeat", "3"], scenes, {"repeat": 3}),
-        (["--mesh-motion", "--level", "2"], mesh_motion, {"level": 2}),
-        (["--mesh-motion"], mesh_motion, {}),
+        (["--repeat", "2"], steady, "main_levels", {"repeat": 2}),
+        (["--scenes", "--repeat", "3"], steady, "main_scenes", {"repeat": 3}),
+        (["--mesh-motion"], mesh_motion, "main", {}),
     ],
 )
-def test_the_kind_of_measurement_is_chosen_by_its_option(monkeypatch, words, module, options):
+def test_the_kind_of_measurement_is_chosen_by_its_option(monkeypatch, words, module, function, options):
     seen = []
-    monkeypatch.setattr(module, "main", lambda **given: seen.append(given) or ["not-converged"])
+    monkeypatch.setattr(module, function, lambda **given: seen.append(given) or ["not-converged"])
     with pytest.raises(SystemExit) as ended:
         main(["bench", *words])
     assert (ended.value.code, seen) == (3, [options])
-
-
-def test_without_it_one_case_is_measured(monkeypatch):
-    seen = []
-    monkeypatch.setattr(levels, "main", lambda **options: seen.append(options) or [""])
-    with pytest.raises(SystemExit) as ended:
-        main(["bench", "--case", "cook", "--levels", "1", "--repeat", "2"])
-    assert (ended.value.code, seen) == (0, [{"case": "cook", "levels": [1], "repeat": 2}])
 
 
 @pytest.mark.parametrize(
     ("words", "message"),
     [
         (["--scenes", "--mesh-motion"], "either --scenes or --mesh-motion"),
-        (["--scenes", "--levels", "1"], "python -m studies bench --scenes has no option --levels"),
+        (["--scenes", "--runs", "there"], "python -m studies bench --scenes has no option --runs"),
         (["--mesh-motion", "--repeat", "2"], "python -m studies bench --mesh-motion has no option --repeat"),
-        (["--level", "1"], "python -m studies bench has no option --level"),
+        (["--repeat", "0"], "greater than or equal to 1"),
     ],
 )
 def test_options_of_another_kind_are_refused(capsys, words, message):

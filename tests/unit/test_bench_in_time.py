@@ -11,29 +11,28 @@ from ffsi.files import folder
 from ffsi.files.errors import InputError
 from ffsi.run import watch
 from ffsi.scene import load_scene
-from studies.bench import time_steps
 from studies.bench import unsteady as bench
-from studies.bench.time_steps import FINEST
-from studies.kept_runs import TimeRun
+from studies.bench.unsteady import FINEST, TIME_STEPS
+from studies.runs import Run
+from studies.tables import table
 
 README = "<!-- bench-unsteady:begin -->\nold\n<!-- bench-unsteady:end -->\n"
 SETTINGS = ("mesh.level=0", "inflow.ramp=0.1", "time.checkpoint_interval=0.25")
-SIZE = bench.Size("small", "small flag", "turek-fsi3", 900, SETTINGS, 0.005, 1.0, 0.02)
+SIZE = bench.Size("small", "small flag", "turek-fsi3", SETTINGS, 0.005, 1.0, 0.02)
 
 
 @pytest.fixture
 def short(monkeypatch):
     monkeypatch.setattr(bench, "STEPS", {"condensed": 20, "newton": 4})
-    monkeypatch.setattr(time_steps, "run", lambda runs: [swing(step) for step in (*time_steps.STEPS, FINEST)])
+    monkeypatch.setattr(bench, "run_time_steps", lambda runs: [swing(step) for step in (*TIME_STEPS, FINEST)])
 
 
-def swing(step: float, error: float = 100.0, failure: str = "") -> TimeRun:
+def swing(step: float, error: float = 100.0, failure: str = "") -> Run:
     """u_y of a beam, whose relative error grows with the square of the time step (s)."""
     t = step * np.arange(1, round(1 / step) + 1)
     u = -0.066 * (1 - np.cos(7 * t)) * (1 + error * step**2)
-    run = TimeRun(f"step-{step}", time_steps.scene(step), folder.Path("nowhere"), {"failure": failure})
-    run.__dict__["history"] = pd.DataFrame({"time": t, "tip_uy": u, "seconds": 1 + t})
-    return run
+    history = pd.DataFrame({"time": t, "tip_uy": u, "seconds": 1 + t})
+    return Run(f"step-{step}", {"failure": failure}, history=history)
 
 
 @pytest.fixture
@@ -43,16 +42,18 @@ def in_time(in_time, monkeypatch):
     return in_time
 
 
-START = bench.Steps({"failure": ""}, phases=dict.fromkeys(bench.SOLVER, 0.01))
+START = Run("start", {"failure": "", "timings": dict.fromkeys(bench.SOLVER, 0.01)})
 
 
-def steps(seconds: list[float], **changes: object) -> bench.Steps:
-    data = {"failure": "", "unknowns": 13000, "triangles": 1400}
-    return bench.Steps(data | changes, seconds, 3.0, 0.02, dict.fromkeys(bench.SOLVER, 0.31), 0.03)
+def steps(seconds: list[float]) -> Run:
+    timings = dict.fromkeys(bench.SOLVER, 0.31)
+    data = {"failure": "", "unknowns": 13000, "triangles": 1400, "timings": timings}
+    counted = pd.DataFrame({"took": seconds, "iterations": 3.0, "rebuilds": 0.02, "tip_uy": 0.03})
+    return Run("steps", data, history=counted)
 
 
 def test_meshes_steps_and_bounds_are_the_stated_ones():
-    assert [(size.unknowns, size.bound) for size in bench.SIZES] == [(13_000, 0.12), (30_000, 0.28)] * 2
+    assert [size.bound for size in bench.SIZES] == [0.12, 0.28] * 2
     assert bench.SIZES[2].scene(1.0).fluid.law == "carreau"
     for step in ("condensed", "newton"):
         scene = bench.SIZES[0].scene(5.5, step)
@@ -97,11 +98,11 @@ def test_medians_means_and_ratio():
     assert rows[0]["iterations_per_step"] == 3
     assert rows[0]["residual_seconds"] == pytest.approx(0.1)
     rows[0]["ratio"] = 20.0
-    body = bench.table(rows, [SIZE]).body
+    body = bench.step_table(rows, [SIZE]).body
     assert body[0][:7] == ["small flag", "13000", "condensed", "0.020", "0.020", "0.02", "20.0"]
     assert body[1][:7] == ["small flag", "13000", "plain Newton", "0.400", "0.400", "–", "–"]
     slow = bench.row(SIZE, "condensed", [steps([0.021] * 3)], START)
-    assert bench.table([slow], [SIZE]).body[0][3:5] == ["0.021 !", "0.021 !"]
+    assert bench.step_table([slow], [SIZE]).body[0][3:5] == ["0.021 !", "0.021 !"]
 
 
 def test_a_failed_run_is_a_row_and_leaves_the_readme_alone(tmp_path, in_time, check, short, capsys):
@@ -124,17 +125,17 @@ def test_without_a_checkpoint_there_is_nothing_to_start_from(tmp_path, in_time, 
 
 
 def test_errors_fall_with_the_square_of_the_time_step():
-    runs = [swing(step) for step in (*time_steps.STEPS, FINEST)]
-    found = time_steps.rows(runs)
-    assert [row["step"] for row in found] == list(time_steps.STEPS)
+    runs = [swing(step) for step in (*TIME_STEPS, FINEST)]
+    found = bench.error_rows(runs)
+    assert [row["step"] for row in found] == list(TIME_STEPS)
     assert found[0]["error"] == pytest.approx(100 * (0.04**2 - FINEST**2), rel=2e-3)
     assert [row["order"] for row in found[1:3]] == pytest.approx([2.0, 2.0], abs=0.03)
-    assert time_steps.table(found).body[1][:4] == ["0.02", "50", "2.0", "0.020"]
-    assert time_steps.table(found).body[1][4].startswith("3.99")
-    broken = time_steps.rows([swing(0.04, failure="crash"), *runs[1:]])
+    assert table(found, bench.ERROR_COLUMNS).body[1][:4] == ["0.02", "50", "2.0", "0.020"]
+    assert table(found, bench.ERROR_COLUMNS).body[1][4].startswith("3.99")
+    broken = bench.error_rows([swing(0.04, failure="crash"), *runs[1:]])
     assert [math.isnan(row["error"]) for row in broken] == [True, False, False, False, False]
-    assert time_steps.table(broken).body[0][4:] == ["–", "–"]
-    assert all(math.isnan(row["error"]) for row in time_steps.rows([*runs[:-1], swing(FINEST, failure="check")]))
+    assert table(broken, bench.ERROR_COLUMNS).body[0][4:] == ["–", "–"]
+    assert all(math.isnan(row["error"]) for row in bench.error_rows([*runs[:-1], swing(FINEST, failure="check")]))
 
 
 def test_the_command_line(capsys, monkeypatch):
@@ -142,5 +143,3 @@ def test_the_command_line(capsys, monkeypatch):
     monkeypatch.setattr(bench, "main", lambda **given: seen.append(given) or [""])
     assert call(capsys, "bench", "--unsteady", "--repeat", "3")[0] == 0
     assert seen == [{"repeat": 3}]
-    code, _, err = call(capsys, "bench", "--unsteady", "--level", "1")
-    assert (code, "python -m studies bench --unsteady has no option --level" in err) == (2, True)

@@ -73,14 +73,7 @@ BAD_INPUT = [
     (["report"], "Missing argument"),
     (["report", "nothing"], "is no run folder"),
     (["report", ".", "-o", "no/report.html"], "no does not exist"),
-    (["bench", "--case", "flap-svq"], 'did you mean "flap-svk"?'),
-    (["bench", "--levels", "a"], "--levels takes integers"),
-    (["bench", "--levels", "0,7"], "from 0 to 4"),
-    (["paper", "--cases", "one"], "--cases takes integers separated by commas"),
     (["paper", "--aneurysm", "--jobs", "2"], "python -m studies paper --aneurysm has no option --jobs"),
-    (["paper", "--cases", "1,1"], "a number occurs twice"),
-    (["paper", "--cases", "1,4"], "the paper has the cases 1, 2, 3, not 4"),
-    (["paper", "--level", "5"], "mesh.level = 5"),
     (["paper", "--jobs", "0"], "jobs"),
     (["doctor", "now"], "unexpected extra argument"),
     (["cases", "--jsn"], "No such option: --jsn"),
@@ -220,23 +213,16 @@ def test_cases_are_listed(capsys):
     assert {"name", "physics", "description"} == set(json.loads(out)[0])
 
 
-def test_bench_passes_its_numbers_on(capsys, monkeypatch):
-    seen = []
-    monkeypatch.setattr("studies.bench.levels.main", lambda **options: seen.append(options) or [""])
-    assert call(capsys, "bench", "--levels", "0,2")[0] == 0
-    assert seen == [{"levels": [0, 2]}]
-
-
 @pytest.mark.parametrize(("failures", "code"), [([], 0), (["check"], 1), (["not-converged"], 3), (["crash"], 4)])
 def test_paper_passes_its_options_on_and_ends_with_the_worst_failure(capsys, monkeypatch, failures, code):
     seen = []
 
     monkeypatch.setattr("studies.paper.study.main", lambda **options: seen.append(options) or failures)
-    words = ["--cases", "1,3", "--level", "0", "--jobs", "2", "--out", "there", "--runs", "sweeps"]
+    words = ["--jobs", "2", "--out", "there", "--runs", "sweeps"]
     assert call(capsys, "paper", *words)[0] == code
     assert call(capsys, "paper")[0] == code
-    options = {"cases": [1, 3], "level": 0, "jobs": 2, "out": Path("there"), "runs": Path("sweeps")}
-    default = {"level": 2, "out": Path("results/paper"), "runs": Path("runs/paper")}
+    options = {"jobs": 2, "out": Path("there"), "runs": Path("sweeps")}
+    default = {"out": Path("results/paper"), "runs": Path("runs/paper")}
     assert seen == [options, default]
 
 

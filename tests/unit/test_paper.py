@@ -2,6 +2,7 @@
 
 import io
 import re
+from functools import partial
 
 import numpy as np
 import pandas as pd
@@ -11,9 +12,8 @@ from run_folders import make_run
 
 from ffsi.files.errors import InputError
 from ffsi.scene import SceneError, load_scene
-from studies.paper import cases, document, pictures, statements, study, sweeps
-from studies.paper.cases import CASES, Curve, PaperCase
-from studies.paper.sweeps import Outcome
+from studies.paper import study, sweeps
+from studies.paper.sweeps import CASES, Curve, Outcome, PaperCase
 
 KEY = "inflow.mean_velocity"
 FIGURES = ["figure-03-velocity.png", "figure-04-pressure.png", "figure-05-displacement.png", "figure-12-forces.png"]
@@ -25,7 +25,7 @@ def one(monkeypatch) -> PaperCase:
     curve = Curve("case-1", "coarse root", "flap-svk", (0.04, 0.08, 0.12))
     other = Curve("fine", "fine root", "flap-svk", (0.04, 0.08), ("mesh.root_size=0.005",))
     case = PaperCase(1, "St. Venant-Kirchhoff flap", curve, (other,))
-    monkeypatch.setattr(study, "CASES", (case,))
+    monkeypatch.setattr(study, "main", partial(study.main, level=0, cases=[case]))
     return case
 
 
@@ -55,7 +55,7 @@ def test_every_figure_from_3_to_14_has_its_place():
     numbers = sorted(number for case in CASES for number in case.figures.values())
     assert numbers == list(range(3, 15))
     assert [case.figures["forces"] for case in CASES] == [12, 13, 14]
-    assert pictures.file_name(CASES[1], "pressure") == "figure-07-pressure.png"
+    assert CASES[1].file("pressure") == "figure-07-pressure.png"
 
 
 def test_the_velocities_are_those_of_the_paper():
@@ -63,11 +63,11 @@ def test_the_velocities_are_those_of_the_paper():
     assert first == (0.012, 0.024, 0.036, 0.048, 0.06, 0.072, 0.084, 0.096, 0.108, 0.12)
     assert second[:10] == third[:10] == (0.0055, 0.011, 0.0165, 0.022, 0.0275, 0.033, 0.0385, 0.044, 0.0495, 0.055)
     assert second[-1] == third[-1] == 0.12
-    assert all(tuple(sorted(curve.velocities)) == curve.velocities for curve in cases.all_curves(CASES))
+    assert all(tuple(sorted(curve.velocities)) == curve.velocities for curve in sweeps.all_curves(CASES))
 
 
 def test_every_sweep_is_a_valid_scene_with_a_name_of_its_own():
-    curves = cases.all_curves(CASES)
+    curves = sweeps.all_curves(CASES)
     scenes = sweeps.load_scenes(curves, 3)
     assert len({curve.name for curve in curves}) == len(curves)
     assert {scene.mesh.level for scene in scenes.values()} == {3}
@@ -80,7 +80,7 @@ def test_every_sweep_is_a_valid_scene_with_a_name_of_its_own():
 
 def test_the_study_writes_tables_figures_and_text_and_resumes(tmp_path, capsys, freefem, check, one):
     out, runs = tmp_path / "out", tmp_path / "runs"
-    assert study.main(level=0, jobs=2, out=out, runs=runs) == []
+    assert study.main(jobs=2, out=out, runs=runs) == []
     assert sorted(path.name for path in out.iterdir()) == sorted([*FIGURES, "case-1.csv", "fine.csv", "paper.md"])
     assert sorted(freefem.solved) == [0.04, 0.04, 0.08, 0.08, 0.12]
     table = pd.read_csv(out / "case-1.csv")
@@ -88,7 +88,7 @@ def test_the_study_writes_tables_figures_and_text_and_resumes(tmp_path, capsys, 
     assert table["drag"].tolist() == [0.08, 0.16, 0.24]
     assert not {"seconds", "folder", "point"} & set(table)
     text = (out / "paper.md").read_text()
-    assert "`python -m studies paper --level 0` (FreeFEM 4.9 with MUMPS, mesh level 0)" in text
+    assert "`python -m studies paper` (FreeFEM 4.9 with MUMPS, mesh level 0)" in text
     assert "*Figure 3, at 0.12 m/s: velocity" in text
     assert all(f"]({name})" in text for name in FIGURES)
     for name in FIGURES:
@@ -97,14 +97,14 @@ def test_the_study_writes_tables_figures_and_text_and_resumes(tmp_path, capsys, 
     assert (runs / "level-0" / "fine" / "sweep.csv").is_file()
     assert re.search(r"case 1 +flap-svk +900 +3 of 3 +0\.12", capsys.readouterr().out)
     before = {path.name: path.read_bytes() for path in out.iterdir()}
-    assert study.main(level=0, out=out, runs=runs) == []
+    assert study.main(out=out, runs=runs) == []
     assert len(freefem.solved) == 5
     assert {path.name: path.read_bytes() for path in out.iterdir()} == before
 
 
 def test_where_a_sweep_ends_stays_visible_and_is_no_failure(tmp_path, capsys, freefem, check, one):
     freefem.fail = 0.08
-    assert study.main([1], level=0, out=tmp_path / "out", runs=tmp_path / "runs") == []
+    assert study.main(out=tmp_path / "out", runs=tmp_path / "runs") == []
     table = pd.read_csv(tmp_path / "out" / "case-1.csv")
     assert table["failure"].fillna("").tolist() == ["", "not-converged", "not-reached"]
     assert table["reason"][1] == "J too small"
@@ -125,35 +125,27 @@ def test_where_a_sweep_ends_stays_visible_and_is_no_failure(tmp_path, capsys, fr
 )
 def test_failures_are_returned(tmp_path, freefem, check, one, ending, velocity, failures):
     setattr(check if ending == "wrong" else freefem, ending, velocity)
-    assert set(study.main(level=0, out=tmp_path / "out", runs=tmp_path / "runs")) == failures
+    assert set(study.main(out=tmp_path / "out", runs=tmp_path / "runs")) == failures
     text = (tmp_path / "out" / "paper.md").read_text()
     assert ("Figure 3: nothing was solved" in text) == (ending == "fail")
     assert (tmp_path / "out" / FIGURES[0]).is_file() == (ending != "fail")
 
 
 def test_bad_input_writes_nothing(tmp_path, freefem, check, one):
-    with pytest.raises(InputError, match="the paper has the cases 1, not 4"):
-        study.main([1, 4], level=0, out=tmp_path / "out", runs=tmp_path / "runs")
     with pytest.raises(SceneError):
         study.main(level=9, out=tmp_path / "out", runs=tmp_path / "runs")
     assert list(tmp_path.iterdir()) == []
     (tmp_path / "file").write_text("mine")
     with pytest.raises(InputError, match="is a file"):
-        study.main(level=0, out=tmp_path / "file", runs=tmp_path / "runs")
+        study.main(out=tmp_path / "file", runs=tmp_path / "runs")
     assert freefem.solved == []
 
 
-def test_sweeps_with_another_definition_are_refused(tmp_path, monkeypatch, freefem, check, one):
-    study.main(level=0, out=tmp_path / "out", runs=tmp_path / "runs")
+def test_sweeps_with_another_definition_are_refused(tmp_path, freefem, check, one):
+    study.main(out=tmp_path / "out", runs=tmp_path / "runs")
     changed = Curve("case-1", "coarse root", "flap-svk", (0.05, 0.08))
-    monkeypatch.setattr(study, "CASES", (PaperCase(1, "changed", changed),))
     with pytest.raises(InputError, match="another definition"):
-        study.main(level=0, out=tmp_path / "out", runs=tmp_path / "runs")
-
-
-def test_the_command_is_the_one_that_was_given():
-    assert study.command(None, study.LEVEL) == "python -m studies paper"
-    assert study.command([1, 3], 0) == "python -m studies paper --level 0 --cases 1,3"
+        study.main(cases=[PaperCase(1, "changed", changed)], out=tmp_path / "out", runs=tmp_path / "runs")
 
 
 def test_the_highest_velocity_counts_and_not_the_last_row(tmp_path):
@@ -170,7 +162,7 @@ def test_point_tables_leave_out_what_is_no_solution(tmp_path):
     values = {"drag": [1e-3, None], "tip_ux": [0.1, None], "min_jacobian": [0.5, None], "roof_uy": [np.nan, np.nan]}
     values |= {"reached_tip_ux": [None, 0.2], "reached_min_jacobian": [None, 0.01]}
     done = outcome(CASES[0].curve, tmp_path, steps=1, failure="not-converged", **values)
-    text = document.point_table(done).markdown()
+    text = study.point_table(done).markdown()
     assert (
         text.splitlines()[0]
         == "| v_mean (m/s) | drag (N/m) | tip_ux (m) | min_jacobian | before the failure | check | status |"
@@ -184,14 +176,14 @@ def test_point_tables_leave_out_what_is_no_solution(tmp_path):
 def test_statements_carry_the_numbers(tmp_path):
     tip = {"tip_ux": [0.012, 0.03, 0.06], "tip_uy": [0.0, -0.04, -0.08]}
     first = outcome(CASES[0].curve, tmp_path, steps=3, **tip)
-    found = [item.found for item in statements.statements(CASES[0], {CASES[0].curve: first})]
+    found = [found for *_, found in study.statements(CASES[0], {CASES[0].curve: first})]
     assert found == [
         "the tip moves by 6 % of the flap's height at 0.01 m/s and 50 % of the flap's height at 0.03 m/s.",
         "at 0.03 m/s the tip moves by 0.1 m, 50 % of the flap's height.",
         "it grows at every step: 0.012 m at 0.01 m/s, 0.1 m at 0.03 m/s.",
     ]
     back = outcome(CASES[0].curve, tmp_path, steps=2, tip_ux=[0.02, 0.01])
-    assert "it does not grow at every step" in statements.statements(CASES[0], {CASES[0].curve: back})[-1].found
+    assert "it does not grow at every step" in study.statements(CASES[0], {CASES[0].curve: back})[-1][2]
 
 
 def test_the_roofs_of_both_cases_are_compared_where_both_got_to(tmp_path):
@@ -201,18 +193,19 @@ def test_the_roofs_of_both_cases_are_compared_where_both_got_to(tmp_path):
         tip_ux=[0.01, 0.02, 0.0], tip_uy=[0.0, -0.001, 0.0], roof_uy=[0.15, 0.25, 0.0],
     )  # fmt: skip
     both = {CASES[1].curve: soft, CASES[2].curve: stiff}
-    assert "at 0.02 m/s the middle of the roof rises by 0.2 m over this flap and by 0.25 m" in (
-        statements.statements(CASES[1], both)[-1].found
+    assert (
+        "at 0.02 m/s the middle of the roof rises by 0.2 m over this flap and by 0.25 m"
+        in (study.statements(CASES[1], both)[-1][2])
     )
-    assert len(statements.statements(CASES[1], {CASES[1].curve: soft})) == 2
-    third = [item.found for item in statements.statements(CASES[2], both)]
+    assert len(study.statements(CASES[1], {CASES[1].curve: soft})) == 2
+    third = [found for *_, found in study.statements(CASES[2], both)]
     assert third[1] == "at 0.02 m/s the ratio of the two is 0.05."
     assert "rises by 0.25 m, 62.5 % of the channel's height" in third[2]
 
 
 def test_remarks_name_their_cases_and_open_values_their_scenes(tmp_path):
     tables = {case.curve: outcome(case.curve, tmp_path, steps=1, tip_ux=[0.1], tip_uy=[0.0]) for case in CASES}
-    text = document.document(CASES, tables, [], "python -m studies paper")
+    text = study.document(CASES, tables, [])
     assert "**Drag and lift.** Paper: F<sub>D</sub> = ∫<sub>S</sub> ( ρ η ∂u<sub>t</sub>/∂n" in text
     assert text.count("**Drag and lift.**") == 1
     assert "**Bulk modulus (case 3).** Paper: K = 5.6 Pa" in text
@@ -225,7 +218,7 @@ def test_remarks_name_their_cases_and_open_values_their_scenes(tmp_path):
 
 def test_figures_belong_to_the_highest_velocity_and_show_the_comparison(tmp_path, freefem, check, one):
     outcomes = sweeps.run_sweeps(sweeps.load_scenes(one.curves, 0), tmp_path)
-    figures = pictures.draw(one, outcomes)
+    figures = sweeps.draw(one, outcomes)
     assert list(figures) == ["velocity", "pressure", "displacement", "forces"]
     assert figures["velocity"].axes[0].get_title(loc="left").endswith("mean inflow velocity 0.12 m/s")
     drag = figures["forces"].axes[0]

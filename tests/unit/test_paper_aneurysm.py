@@ -14,7 +14,7 @@ from ffsi.result import pictures
 from ffsi.result.fields import Fields
 from ffsi.scene.fluids import Carreau, Newtonian
 from studies.__main__ import main
-from studies.paper import aneurysm, aneurysm_text
+from studies.paper import aneurysm
 
 
 def test_eight_variants_of_the_catalogue_s_scenes() -> None:
@@ -104,7 +104,7 @@ def result(pulsatile: bool, failure: str = "") -> Any:
 
 def test_text() -> None:
     results = {variant: result(variant.pulsatile) for variant in aneurysm.VARIANTS}
-    text = aneurysm_text.document(results, ["figure-15-mesh.png"], "python -m studies paper --aneurysm")
+    text = aneurysm.document(results, ["figure-15-mesh.png"])
     assert "Written by `python -m studies paper --aneurysm` (FreeFEM 4.9 with MUMPS)." in text
     assert text.count("](figure-15-mesh.png)") == 1 and "figure-16" not in text
     assert "| pulsatile | rigid, Carreau | 900 | 400 | 12.3 | 2e-11 | converged |" in text
@@ -136,6 +136,6 @@ def test_command(monkeypatch: pytest.MonkeyPatch) -> None:
     seen: list[dict[str, Any]] = []
     monkeypatch.setattr("studies.paper.aneurysm.main", lambda **options: seen.append(options) or ["", "check"])
     with pytest.raises(SystemExit) as ended:
-        main(["paper", "--aneurysm", "--level", "1"])
+        main(["paper", "--aneurysm"])
     assert ended.value.code == 1
-    assert seen == [{"level": 1, "out": Path("results/paper"), "runs": Path("runs/paper")}]
+    assert seen == [{"out": Path("results/paper"), "runs": Path("runs/paper")}]

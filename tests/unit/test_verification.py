@@ -10,20 +10,18 @@ from scipy.special import ellipeinc, ellipkinc
 from ffsi.files.errors import InputError
 from ffsi.freefem import FreeFEMError, FreeFEMNotFound
 from ffsi.scene import load_scene
-from studies import measurement
 from studies.harness import replace_block
-from studies.measurement import Measurement, Variant, measure
-from studies.tables import TextTable, number, percent, size
-from studies.verification import command, cook, elastica, flaps
-from studies.verification.benchmarks import CAVITY, cavity_table, error_table, short
-from studies.verification.command import SECTIONS, to_frame
+from studies.runs import Run
+from studies.tables import Column, columns, number, percent, table, unsigned
+from studies.verification import steady
 from studies.verification.sources import ReferenceSet, reference_sets
+from studies.verification.steady import CAVITY, SECTIONS, Variant, cavity_table, error_table, measure, short, to_frame
 
 README = "before\n<!-- verification:begin -->\nold\n<!-- verification:end -->\nafter\n"
 ALL_BLOCKS = "".join(f"<!-- {s.block}:begin -->\nold\n<!-- {s.block}:end -->\n" for s in SECTIONS)
 
 
-def run(case: str = "turek-fsi1", level: int = 2, **changes: object) -> Measurement:
+def run(case: str = "turek-fsi1", level: int = 2, **changes: object) -> Run:
     """A run whose drag and lift are 1 % above the published values of FSI1."""
     data = {
         "case": case, "status": "converged", "failure": "", "reason": "", "level": level, "unknowns": 24000,
@@ -32,17 +30,17 @@ def run(case: str = "turek-fsi1", level: int = 2, **changes: object) -> Measurem
         "timings": {"script": 2.0, "total": 3.0}, "check": {"momentum": 2e-11, "drag_difference": None},
         "freefem": {"version": "4.9", "solver": "MUMPS"},
     }  # fmt: skip
-    return Measurement(case, level, data | changes)
+    return Run(case, data | changes)
 
 
-def variant_run(variant: Variant, level: int, **quantities: float) -> Measurement:
+def variant_run(variant: Variant, level: int, **quantities: float) -> Run:
     """A run of a variant with these quantities."""
-    return Measurement(variant.case, level, run(variant.case, level, quantities=quantities).data, variant.name)
+    return Run(variant.case, run(variant.case, level, quantities=quantities).data, variant.name)
 
 
-def failed(case: str, level: int, variant: Variant | None = None) -> Measurement:
+def failed(variant: Variant, level: int) -> Run:
     data = {"status": "failed", "failure": "crash", "reason": "signal 11", "level": level}
-    return Measurement(case, level, data, variant.name if variant else "")
+    return Run(variant.case, data, variant.name)
 
 
 @pytest.fixture
@@ -50,12 +48,11 @@ def calls(monkeypatch) -> list[tuple[str, str, int]]:
     """Replace the runs by given ones; the calls are recorded."""
     calls: list[tuple[str, str, int]] = []
 
-    def measure(case: str, level: int, variant: Variant | None = None) -> Measurement:
-        name = variant.name if variant else ""
-        calls.append((case, name, level))
-        return Measurement(case, level, run(case, level).data, name)
+    def measure(variant: Variant, level: int) -> Run:
+        calls.append((variant.case, variant.name, level))
+        return Run(variant.case, run(variant.case, level).data, variant.name)
 
-    monkeypatch.setattr(measurement, "measure", measure)
+    monkeypatch.setattr(steady, "measure", measure)
     return calls
 
 
@@ -66,8 +63,8 @@ def test_percent_shows_small_errors_with_more_digits():
         "+0.0015 %",
         "-0.00020 %",
     ]
-    assert percent(float("nan")) == number(None) == number(float("nan")) == size(float("nan")) == "–"
-    assert size(-0.002) == size(0.002) == "0.200 %"
+    assert percent(float("nan")) == number(None) == number(float("nan")) == unsigned(float("nan")) == "–"
+    assert unsigned(-0.002) == unsigned(0.002) == "0.200 %"
 
 
 def test_the_error_is_relative_to_the_size_of_the_reference():
@@ -86,12 +83,15 @@ def test_references_of_a_case_come_published_first_and_without_periodic_ones():
     assert {"Tuković Δx 0.1", "solids4foam Δx 0.05"} < {source.source for source in cavity if not source.compared}
 
 
-def test_text_tables_become_markdown_and_refuse_rows_of_another_width():
-    table = TextTable(("case", "error"))
-    table.add("a", "1")
-    assert table.markdown() == "| case | error |\n| --- | ---: |\n| a | 1 |"
-    with pytest.raises(ValueError, match="1 cells for 2 columns"):
-        table.add("b")
+def test_columns_make_tables_of_rows():
+    found = columns("case | u_x in m = tip_ux :.2f | error :%")
+    made = table([{"case": "a", "tip_ux": 1.234, "error": 0.01}, {"case": "b", "error": float("nan")}], found)
+    assert made.markdown() == (
+        "| case | u_x in m | error |\n| --- | ---: | ---: |\n| a | 1.23 | +1.000 % |\n| b | – | – |"
+    )
+    assert [Column("", "x", bound=1.5).cell({"x": x}) for x in (1.5, 1.51, -2, float("nan"), None, "text")] == [
+        "1.5", "1.51 !", "-2 !", "– !", "–", "text",
+    ]  # fmt: skip
 
 
 def test_the_error_table_has_a_row_for_each_source():
@@ -104,10 +104,10 @@ def test_the_error_table_has_a_row_for_each_source():
 
 
 def test_a_run_that_died_is_a_row_that_says_so():
-    (row,) = error_table([failed("turek-cfd1", 1)]).body
+    (row,) = error_table([failed(Variant("turek-cfd1"), 1)]).body
     assert row[:5] == ["turek-cfd1", "Featflow", "1", "–", "failed (crash)"]
     assert set(row[5:]) == {"–"}
-    assert to_frame([failed("turek-cfd1", 1), run()])["status"].tolist() == ["failed", "converged"]
+    assert to_frame([failed(Variant("turek-cfd1"), 1), run()])["status"].tolist() == ["failed", "converged"]
 
 
 def test_the_frame_holds_values_references_and_errors():
@@ -121,7 +121,7 @@ def test_the_frame_holds_values_references_and_errors():
 
 
 def test_the_cavity_is_shown_beside_every_published_mesh():
-    table = cavity_table([run(CAVITY, 3), run(), failed(CAVITY, 1)])
+    table = cavity_table([run(CAVITY, 3), run(), failed(Variant(CAVITY), 1)])
     assert table.body[0][0] == "this program, level 3, 24000 unknowns"
     assert len(table.body) == 1 + len(reference_sets(CAVITY))
     assert ["solids4foam Δx 0.025", "-0.23563", "-5.2563"] in table.body
@@ -129,7 +129,7 @@ def test_the_cavity_is_shown_beside_every_published_mesh():
 
 def test_the_short_table_has_level_2_and_all_levels_of_fsi1():
     known = [run("turek-fsi1", level) for level in range(5)] + [run("turek-cfd1", level) for level in range(4)]
-    chosen = [(item.case, item.level) for item in short([*known, run("turek-csm1", 1)])]
+    chosen = [(item.name, item.level) for item in short([*known, run("turek-csm1", 1)])]
     assert chosen == [*(("turek-fsi1", level) for level in range(5)), ("turek-cfd1", 2), ("turek-csm1", 1)]
 
 
@@ -152,11 +152,11 @@ def test_markers_must_be_there_once_and_in_order(text):
 def test_everything_is_written(tmp_path, calls, capsys):
     readme = tmp_path / "README.md"
     readme.write_text(f"before\n{ALL_BLOCKS}after\n")
-    assert set(command.main(None, tmp_path / "results", readme)) == {""}
+    assert set(steady.main(out=tmp_path / "results", readme=readme)) == {""}
     levels = {key: [level for *found, level in calls if tuple(found) == key] for key in {call[:2] for call in calls}}
     assert levels["turek-fsi1", ""] == levels["flap-mooney-rivlin-roof", "inflow-0.055"] == [0, 1, 2, 3, 4]
     assert levels[CAVITY, ""] == levels["cook", "incompressible"] == levels["cantilever", "load-10"] == [0, 1, 2, 3]
-    assert levels["cook", "linear"] == [0, 0, 1, 1, 2, 2, 3, 3]
+    assert levels["cook", "linear"] == [0, 1, 2, 3]
     assert levels["cook", "nearly-incompressible-displacement"] == [0]
     assert "flap-svk" not in {case for case, *_ in calls}
     text = readme.read_text()
@@ -173,42 +173,35 @@ def test_everything_is_written(tmp_path, calls, capsys):
     assert (tmp_path / "results/verification.csv").read_text().startswith("case,variant,level,status")
     shown = capsys.readouterr()
     assert "turek-csm2" in shown.out
-    assert cook.REASON in shown.err
+    assert steady.REASON in shown.err
 
 
-def test_the_readme_may_show_the_first_section_only(tmp_path, calls):
+def test_the_readme_may_show_the_first_section_only_and_a_failed_run_leaves_it_alone(
+    tmp_path, calls, monkeypatch, capsys
+):
     readme = tmp_path / "README.md"
     readme.write_text(README)
-    assert set(command.main([1], None, readme)) == {""}
+    assert set(steady.main(readme=readme)) == {""}
     text = readme.read_text()
     assert "| turek-fsi1 | hp | 1 |" in text
     assert "elastica" not in text
-
-
-def test_chosen_levels_are_named_and_a_failed_run_leaves_the_readme_alone(tmp_path, calls, monkeypatch, capsys):
-    readme = tmp_path / "README.md"
-    readme.write_text(ALL_BLOCKS)
-    assert set(command.main([1], tmp_path, readme)) == {""}
-    assert "`python -m studies verify --levels 1`" in readme.read_text()
-    assert {level for *_, level in calls} == {1}
-    readme.write_text(ALL_BLOCKS)
-    monkeypatch.setattr(measurement, "measure", failed)
-    assert set(command.main([1], None, readme)) == {"crash"}
-    assert readme.read_text() == ALL_BLOCKS
+    monkeypatch.setattr(steady, "measure", failed)
+    assert set(steady.main(readme=readme)) == {"crash"}
+    assert readme.read_text() == text
     assert "stays as it is" in capsys.readouterr().err
 
 
 def test_outputs_are_refused_before_anything_runs(tmp_path, calls):
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="is a file"):
-        command.main([0], tmp_path / "file")
+        steady.main(out=tmp_path / "file")
     with pytest.raises(InputError, match="there is no file"):
-        command.main([0], None, tmp_path / "README.md")
+        steady.main(readme=tmp_path / "README.md")
     with pytest.raises(InputError, match="file: the text needs"):
-        command.main([0], None, tmp_path / "file")
+        steady.main(readme=tmp_path / "file")
     (tmp_path / "file").write_text(README + "<!-- cook:begin -->")
     with pytest.raises(InputError, match="file: the text needs one line <!-- cook:begin -->"):
-        command.main([0], None, tmp_path / "file")
+        steady.main(readme=tmp_path / "file")
     assert calls == []
 
 
@@ -219,20 +212,20 @@ def test_a_process_that_dies_is_a_measurement_but_a_missing_freefem_ends_everyth
     def missing(*_: object, **__: object) -> None:
         raise FreeFEMNotFound("missing-binary", "no FreeFem++")
 
-    monkeypatch.setattr("studies.harness.solve", dies)
-    assert measure("turek-cfd1", 0).failure == "crash"
-    assert measure("cook", 0, cook.NEO_HOOKEAN).variant == "neo-hookean"
+    monkeypatch.setattr("studies.runs.solve", dies)
+    assert measure(Variant("turek-cfd1"), 0).failure == "crash"
+    assert measure(steady.NEO_HOOKEAN, 0).variant == "neo-hookean"
     said = capsys.readouterr().err
     assert "turek-cfd1 level 0: FreeFEM, killed: signal 9" in said
     assert "cook neo-hookean level 0: FreeFEM, killed: signal 9" in said
-    monkeypatch.setattr("studies.harness.solve", missing)
+    monkeypatch.setattr("studies.runs.solve", missing)
     with pytest.raises(FreeFEMNotFound):
-        measure("turek-cfd1", 0)
+        measure(Variant("turek-cfd1"), 0)
 
 
 # Variants of cases ----------------------------------------------------------------------------------------------------
 
-VARIANTS = [*cook.VARIANTS, *elastica.VARIANTS, *flaps.VARIANTS]
+VARIANTS = [*steady.MEMBRANES, *steady.LOADS, *steady.FLAPS]
 
 
 @pytest.mark.parametrize("variant", VARIANTS, ids=lambda item: f"{item.case}-{item.name}")
@@ -241,7 +234,7 @@ def test_settings_of_every_variant_are_a_scene(variant):
 
 
 def test_scenes_of_the_membrane_have_the_constants_of_their_names():
-    scenes = {item.name: load_scene(item.case, list(item.settings)) for item in cook.VARIANTS}
+    scenes = {item.name: load_scene(item.case, list(item.settings)) for item in steady.MEMBRANES}
     solids = {name: scene.solid["membrane"] for name, scene in scenes.items()}
     constants = {name: solid.young_poisson for name, solid in solids.items()}
     assert constants["linear"] == pytest.approx((70.0, 1 / 3), rel=1e-15)
@@ -277,7 +270,7 @@ def elastica_tip(load: float) -> tuple[float, float]:
     return 1 - 2 * integrals(m)[1] / np.sqrt(load), 1 - np.sqrt(2 * (2 * m - 1) / load)
 
 
-@pytest.mark.parametrize("variant", elastica.VARIANTS, ids=lambda item: item.name)
+@pytest.mark.parametrize("variant", steady.LOADS, ids=lambda item: item.name)
 def test_values_of_the_elastica_are_its_elliptic_integrals(variant):
     (source,) = reference_sets(variant.case, variant.name)
     deflection, shortening = elastica_tip(float(variant.text))
@@ -288,59 +281,63 @@ def test_values_of_the_elastica_are_its_elliptic_integrals(variant):
 
 
 def test_linear_problem_is_extrapolated_to_no_load():
-    pair = [variant_run(cook.LINEAR, 1, tip_uy=load * (5.0 - 40.0 * load)) for load in cook.SMALL_LOADS]
+    pair = [variant_run(steady.LINEAR, 1, tip_uy=load * (5.0 - 40.0 * load)) for load in steady.LINEAR.loads]
     worse = {**pair[0].data, "check": {"momentum": 3e-9}}
-    merged = cook.extrapolated(Measurement("cook", 1, worse, "linear"), pair[1])
-    assert merged.quantities["tip_uy"] == pytest.approx(5.0 * cook.LOAD, rel=1e-13)
+    merged = steady.extrapolated(steady.LINEAR, Run("cook", worse, "linear"), pair[1])
+    assert merged.quantities["tip_uy"] == pytest.approx(5.0 * steady.LINEAR.load, rel=1e-13)
     assert (merged.timings["total"], merged.check_maximum, merged.variant) == (6.0, 3e-9, "linear")
-    died = failed("cook", 1, cook.LINEAR)
-    assert cook.extrapolated(pair[0], died) is cook.extrapolated(died, pair[1]) is died
+    died = failed(steady.LINEAR, 1)
+    assert (
+        steady.extrapolated(steady.LINEAR, pair[0], died) is steady.extrapolated(steady.LINEAR, died, pair[1]) is died
+    )
 
 
 def test_membrane_stands_beside_its_published_values():
     found = [
-        variant_run(cook.NEARLY_INCOMPRESSIBLE, level, tip_uy=6.9083 * (1.004 - 0.001 * level)) for level in (0, 1)
+        variant_run(steady.NEARLY_INCOMPRESSIBLE, level, tip_uy=6.9083 * (1.004 - 0.001 * level)) for level in (0, 1)
     ]
-    first, second = (dict(zip(cook.run_table(found).head, row, strict=True)) for row in cook.run_table(found).body)
+    first, second = (
+        dict(zip(steady.membrane_table(found).head, row, strict=True)) for row in steady.membrane_table(found).body
+    )
     assert (first["change"], second["change"]) == ("–", "0.100 %")
     assert second["error against"] == "published +0.300 %"
-    other = [variant_run(cook.LINEAR, 0, tip_uy=32.27), failed("cook", 1, cook.LINEAR)]
-    table = cook.level_table([*other, *found, failed("cook", 0, cook.DISPLACEMENT)])
+    other = [variant_run(steady.LINEAR, 0, tip_uy=32.27), failed(steady.LINEAR, 1)]
+    table = steady.membrane_levels([*other, *found, failed(steady.DISPLACEMENT, 0)])
     assert list(table.head) == ["membrane", "published", "level 0", "level 1", "error, finest mesh"]
-    assert table.body[0] == [cook.LINEAR.text, "32.27, 32.2", "32.27", "–", "–, –"]
-    assert table.body[1][1:] == ["6.9083", "6.9359", "6.929", "+0.300 %"]
-    assert table.body[2][2:] == ["–", "–", "–"]
-    assert [cook.LINEAR.text, "Elmer (hexahedra)", "32.2800"] in cook.published_table().body
-    assert "failed (crash)" in cook.run_table(other).body[1]
+    assert list(table.body[0]) == [steady.LINEAR.text, "32.27, 32.2", "32.27", "–", "–, –"]
+    assert list(table.body[1][1:]) == ["6.9083", "6.9359", "6.929", "+0.300 %"]
+    assert list(table.body[2][2:]) == ["–", "–", "–"]
+    assert (steady.LINEAR.text, "Elmer (hexahedra)", "32.2800") in steady.published_table().body
+    assert "failed (crash)" in steady.membrane_table(other).body[1]
 
 
 def test_cantilever_stands_beside_the_elastica():
-    variant = elastica.VARIANTS[1]
+    variant = steady.LOADS[1]
     coarse = variant_run(variant, 0, tip_ux=-0.2, tip_uy=0.5)
     fine = variant_run(variant, 1, tip_ux=1.01 * -0.160642, tip_uy=0.99 * 0.493457)
-    first, second = elastica.load_table([coarse, fine]).body
+    first, second = steady.load_table([coarse, fine]).body
     assert first[:4] == ["2", "0", "24000", "3.0"]
     assert second[4:10] == ["0.488522", "0.493457", "-1.000 %", "0.162248", "0.160642", "+1.000 %"]
-    assert elastica.brief([coarse, fine])[1].body == [second]
+    assert steady.ELASTICA.brief([coarse, fine])[1].body == [second]
 
 
 def test_flaps_change_by_less_from_level_to_level():
-    variant = flaps.VARIANTS[0]
+    variant = steady.FLAPS[0]
     tips = [(0.0, 1.01, 2.0), (0.0, 1.0, 2.02), (0.03, 1.0, 2.02)]
     found = [variant_run(variant, i, tip_ux=x, tip_uy=y, drag=drag) for i, (x, y, drag) in enumerate(tips)]
-    assert flaps.tip_difference(*found[:2]) == pytest.approx(0.01)
-    assert flaps.tip_difference(*found[1:]) == pytest.approx(0.03, rel=1e-3)
-    assert flaps.drag_difference(*found[:2]) == pytest.approx(0.02 / 2.02)
-    (row,) = flaps.difference_table(found).body
+    assert steady.tip_difference(*found[:2]) == pytest.approx(0.01)
+    assert steady.tip_difference(*found[1:]) == pytest.approx(0.03, rel=1e-3)
+    assert steady.drag_difference(*found[:2]) == pytest.approx(0.02 / 2.02)
+    (row,) = steady.difference_table(found).body
     assert row == ["flap-neo-hookean", "0.03", "1", "2.02", "1.000 %", "2.999 %", "0.990 %", "0.000 %"]
-    assert [cells[7] for cells in flaps.level_table([*found, failed(variant.case, 3, variant)]).body] == [
+    assert [cells[7] for cells in steady.flap_table([*found, failed(variant, 3)]).body] == [
         "–", "1.000 %", "2.999 %", "–",
     ]  # fmt: skip
 
 
 def test_frame_has_the_values_of_runs_without_references():
-    flap = variant_run(flaps.VARIANTS[0], 2, tip_ux=0.03, tip_uy=1.0, drag=2.02, tip_x=5.0)
-    frame = to_frame([run(), flap, variant_run(elastica.VARIANTS[0], 2, tip_ux=-0.05, tip_uy=0.3)])
+    flap = variant_run(steady.FLAPS[0], 2, tip_ux=0.03, tip_uy=1.0, drag=2.02, tip_x=5.0)
+    frame = to_frame([run(), flap, variant_run(steady.LOADS[0], 2, tip_ux=-0.05, tip_uy=0.3)])
     assert frame["variant"].tolist() == ["", "inflow-0.055", "load-1"]
     assert frame["drag"].tolist()[1] == 2.02
     assert frame.loc[2, "source"] == "elastica"

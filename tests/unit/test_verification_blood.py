@@ -1,7 +1,6 @@
 """Flow of blood: exact flows in plane, bent and oscillating channels, and what `verify --blood` makes of runs."""
 
 import math
-from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -13,17 +12,28 @@ from time_folders import scene_in_time
 from ffsi.files import folder
 from ffsi.scene import CASES, load_scene
 from ffsi.scene.fluids import Carreau, Casson, Newtonian, PowerLaw
-from studies import kept_runs
-from studies.kept_runs import run_all
+from studies import runs
+from studies.runs import run_all
+from studies.tables import Column
 from studies.verification import blood
-from studies.verification.aneurysm_cases import ANEURYSM_CASES, level_changes
-from studies.verification.bent_channel import bent_flow
-from studies.verification.blood_tables import TABLES
+from studies.verification.blood import TABLES, BloodTable, Row, level_changes, to_frame
+from studies.verification.blood_cases import ANEURYSM_CASES, PLANE_CASES, BloodCase
+from studies.verification.exact_flows import (
+    DENSITY,
+    HEIGHT,
+    PERIOD,
+    RATE,
+    SWING,
+    VISCOSITY,
+    Measured,
+    bent_flow,
+    oscillating_flow,
+    plane_flow,
+    shear_rate,
+    stress,
+    worst,
+)
 from studies.verification.far_from_dome import Lumen
-from studies.verification.measured import Column, Measured, MeasuredTable, Row, to_frame, worst
-from studies.verification.oscillating_channel import DENSITY, HEIGHT, PERIOD, RATE, SWING, VISCOSITY, oscillating_flow
-from studies.verification.plane_blood import PLANE_CASES
-from studies.verification.plane_channel import plane_flow, shear_rate, stress
 
 NEWTONIAN = Newtonian(density=1035.0, viscosity=3.5e-3)
 CARREAU = Carreau(density=1035.0)
@@ -57,9 +67,7 @@ def test_shear_rate_is_the_inverse_of_the_stress(fluid):
 )
 def test_plane_flow_of_carreau_blood(gradient, mean, largest):
     """Values of an integration along y."""
-    flow = plane_flow(CARREAU, gradient, 1e-3)
-    assert (flow.mean, flow.largest) == (pytest.approx(mean, rel=5e-8), pytest.approx(largest, rel=5e-8))
-    assert flow.wall_shear_stress == pytest.approx(1e-3 * gradient, rel=1e-14)
+    assert plane_flow(CARREAU, gradient, 1e-3) == pytest.approx((mean, largest), rel=5e-8)
 
 
 @pytest.mark.parametrize("fluid", FLUIDS, ids=NAMES)
@@ -67,13 +75,11 @@ def test_plane_flow_by_integration_along_y(fluid):
     def rate(y):
         return float(shear_rate(fluid, np.array([80.0 * y]))[0])
 
-    flow = plane_flow(fluid, 80.0, 1e-3)
+    mean, largest = plane_flow(fluid, 80.0, 1e-3)
     core = [0.005 / 80.0]  # Casson's plug ends there
-    assert flow.largest == pytest.approx(
-        quad(rate, 0, 1e-3, points=core, epsabs=0, epsrel=1e-11, limit=500)[0], rel=1e-9
-    )
+    assert largest == pytest.approx(quad(rate, 0, 1e-3, points=core, epsabs=0, epsrel=1e-11, limit=500)[0], rel=1e-9)
     flux, _ = quad(lambda y: y * rate(y), 0, 1e-3, points=core, epsabs=0, epsrel=1e-11, limit=500)
-    assert flow.mean == pytest.approx(flux / 1e-3, rel=1e-9)
+    assert mean == pytest.approx(flux / 1e-3, rel=1e-9)
 
 
 def test_bent_newtonian_flow_is_the_closed_form():
@@ -91,11 +97,11 @@ def test_bent_newtonian_flow_is_the_closed_form():
 
 @pytest.mark.parametrize("fluid", FLUIDS, ids=NAMES)
 def test_a_hardly_bent_channel_is_a_plane_one(fluid):
-    plane = plane_flow(fluid, 100.0, 1e-3)
-    flow = bent_flow(fluid, 1e3 - 1e-3, 1e3 + 1e-3, 2e-3 * plane.mean)
+    mean, largest = plane_flow(fluid, 100.0, 1e-3)
+    flow = bent_flow(fluid, 1e3 - 1e-3, 1e3 + 1e-3, 2e-3 * mean)
     assert flow.gradient / 1e3 == pytest.approx(100.0, rel=1e-6)
     assert [flow.inner, flow.outer] == pytest.approx([0.1, 0.1], rel=2e-6)
-    assert flow.velocity.max() == pytest.approx(plane.largest, rel=1e-5)
+    assert flow.velocity.max() == pytest.approx(largest, rel=1e-5)
 
 
 def test_bent_carreau_flow_keeps_the_momentum():
@@ -173,31 +179,13 @@ def test_lumen_of_walls_that_have_moved():
 # Tables ---------------------------------------------------------------------------------------------------------------
 
 
-def test_what_misses_its_bound_is_marked():
-    error = Column("stress", "WSS", part="error", bound=0.03)
-    assert error.head == "WSS (< 3 %)"
-    size = Column("check", "check", form="{:.0e}", bound=1e-8)
-    assert size.head == "check (< 1e-08)"
-    positive = Column("tawss", "min", form="{:.1f}", least=0.0)
-    assert positive.head == "min (≥ 0)"
-
-    def cell(column, *number):
-        return column.cell(Row("g", "c", (), 1, {column.quantity: Measured(*number)}))
-
-    assert [cell(error, 1.02, 1.0), cell(error, -1.04, -1.0)] == ["+2.000 %", "-4.000 % !"]
-    assert [cell(size, -2e-8), cell(size, 9e-9), cell(size, math.nan)] == ["-2e-08 !", "9e-09", "nan !"]
-    assert [cell(positive, -0.1), cell(positive, 0.0)] == ["-0.1 !", "0.0"]
-    assert error.cell(Row("g", "c", (), 1)) == "–"
-    assert Column("seconds", "seconds").cell(Row("g", "c", (), 1, failure="crash")) == "failed (crash)"
-
-
 def test_the_worst_value_is_that_with_the_largest_relative_error():
     assert worst(np.array([1.1, 9.5]), np.array([1.0, 10.0])) == Measured(1.1, 1.0)
     assert math.isnan(worst(np.array([]), 1.0).error)
 
 
 def test_a_table_has_the_rows_of_its_group_that_have_its_quantities():
-    table = MeasuredTable("steady", "text", ("walls",), (Column("drop", "drop", form="{:g}"),), finest=True)
+    table = BloodTable("steady", "text", ("walls",), (Column("drop", "drop", "{:g}"),), finest=True)
     rows = [
         Row("steady", "a-1", ("a",), 1, {"drop": Measured(1.0)}),
         Row("steady", "a-2", ("a",), 2, {"drop": Measured(2.0)}),
@@ -226,9 +214,7 @@ def test_changes_from_level_to_level():
 
 def test_the_frame_has_the_bound_of_each_quantity():
     numbers = {"gradient": Measured(101.0, 100.0), "mean": Measured(0.1)}
-    frame = to_frame(
-        [Row("plane", "p", ("p", "100"), 0, numbers), Row("plane", "q", ("q", "1"), 0, {}, "crash")], TABLES
-    )
+    frame = to_frame([Row("plane", "p", ("p", "100"), 0, numbers), Row("plane", "q", ("q", "1"), 0, {}, "crash")])
     first, second, third = frame.to_dict("records")
     assert (first["quantity"], first["error"], first["bound"]) == ("gradient", pytest.approx(0.01), 1e-4)
     assert math.isnan(second["reference"]) and math.isnan(second["bound"])
@@ -244,8 +230,8 @@ LAWS = ("Newtonian", "Carreau")
 def test_what_runs():
     assert len({case.folder for case in blood.CASES}) == len(blood.CASES) == 6 + 2 + 15 + 5
     assert {table.group for table in TABLES} == {case.group for case in blood.CASES} | {"levels"}
-    carreau = [case for case in PLANE_CASES if case.name == "Carreau"]
-    assert [case.scene.inflow.mean_velocity for case in carreau] == pytest.approx(
+    carreau = [case for case in PLANE_CASES if case.labels[0] == "Carreau"]
+    assert [case.scene().inflow.mean_velocity for case in carreau] == pytest.approx(
         [6.3527417e-5, 0.0032008878, 0.07601542], rel=1e-7
     )
     steady = [case for case in ANEURYSM_CASES if case.group == "steady"]
@@ -257,13 +243,13 @@ def test_what_runs():
     }
     pulsatile = [case for case in ANEURYSM_CASES if case.group == "pulsatile"]
     assert sorted(case.level for case in pulsatile) == [1, 2, 2, 2, 2]
-    assert all(case.scene.time.end == CASES["aneurysm-pulsatile"].time.end for case in pulsatile)
+    assert all(case.scene().time.end == CASES["aneurysm-pulsatile"].time.end for case in pulsatile)
 
 
 @pytest.fixture
 def steady_freefem(freefem, monkeypatch):
-    monkeypatch.setattr(kept_runs, "find_freefem", lambda: SimpleNamespace(has_mumps=True))
-    monkeypatch.setattr(kept_runs, "render", lambda scene, mumps: f"// {scene.name}, MUMPS {mumps}\n")
+    monkeypatch.setattr(runs, "find_freefem", lambda: SimpleNamespace(has_mumps=True))
+    monkeypatch.setattr(runs, "render", lambda scene, mumps: f"// {scene.name}, MUMPS {mumps}\n")
     return freefem
 
 
@@ -279,28 +265,19 @@ def test_steady_runs_are_done_once_and_one_that_died_starts_again(tmp_path, stea
     assert "one: finished before" in capsys.readouterr().err
 
 
-@dataclass(frozen=True)
-class Stand:
+def stand(name: str = "stand", end: float = 2.0) -> BloodCase:
     """A case in time of which is measured how far it came."""
-
-    end: float = 2.0
-    folder: str = "stand"
-    group: str = "pulsatile"
-    labels: tuple[str, ...] = ("elastic, Newtonian", "2")
-    level: int = 2
-
-    @property
-    def scene(self):
-        return scene_in_time(f"time.end={self.end}")
-
-    def measure(self, result):
-        return {"tawss_mean_dome": Measured(result.data["time"]["reached"])}
+    return BloodCase(
+        *("pulsatile", name, ("elastic, Newtonian", "2"), 2),
+        lambda: scene_in_time(f"time.end={end}"),
+        lambda result: {"tawss_mean_dome": Measured(result.data["time"]["reached"])},
+    )
 
 
 def test_everything_is_written_and_a_second_call_goes_on(tmp_path, in_time, check, capsys):
     readme = tmp_path / "README.md"
     readme.write_text(README)
-    given = {"out": tmp_path / "results", "runs": tmp_path / "runs", "cases": [Stand()], "readme": readme}
+    given = {"out": tmp_path / "results", "runs": tmp_path / "runs", "cases": [stand()], "readme": readme}
     assert blood.main(**given) == [""]
     frame = pd.read_csv(tmp_path / "results/blood.csv").set_index("quantity")
     assert frame.loc["tawss_mean_dome", "value"] == pytest.approx(2.0)
@@ -321,7 +298,7 @@ def test_a_failed_run_is_reported_and_leaves_the_readme_alone(tmp_path, in_time,
     readme = tmp_path / "README.md"
     readme.write_text(README)
     in_time.fail = 20
-    cases = [Stand(), replace(Stand(end=0.5), folder="short")]
+    cases = [stand(), stand("short", 0.5)]
     assert blood.main(out=tmp_path, runs=tmp_path / "runs", cases=cases, readme=readme) == ["not-converged", ""]
     assert readme.read_text() == README
     assert "stays as it is" in capsys.readouterr().err

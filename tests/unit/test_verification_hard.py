@@ -10,10 +10,9 @@ import pytest
 from ffsi.files.errors import InputError
 from ffsi.freefem import FreeFEMNotFound
 from ffsi.scene import Scene, SceneError
-from studies.verification import hard, hard_runs
+from studies.verification import hard
+from studies.verification.hard import CAUSE, FAILED, NO_CLAIM, REFUSED, SOLVED, WRONG, Outcome, judge
 from studies.verification.hard_entries import Entry, Expectation, load, select
-from studies.verification.hard_runs import Outcome
-from studies.verification.hard_verdicts import CAUSE, FAILED, NO_CLAIM, REFUSED, SOLVED, WRONG, judge
 
 TITLES, ENTRIES = load()
 NEAR = Expectation("drag", value=2.0, within=0.01)
@@ -72,7 +71,7 @@ def test_entries_are_chosen_with_those_that_they_compare_with():
 
 def outcome(failure: str = "", said: str = "", rows: tuple[dict[str, float], ...] = ({"drag": 2.01},), **entry: object):
     given = {"expect": (NEAR,), **entry}
-    return Outcome(Entry("a-b", "", "cook", **given), hard_runs.Path("nowhere"), failure, said, (), rows)
+    return Outcome(Entry("a-b", "", "cook", **given), hard.Path("nowhere"), failure, said, (), rows)
 
 
 EITHER = {"outcome": "either", "reason": "folds"}
@@ -128,8 +127,8 @@ def test_a_cause_may_stand_in_a_warning():
 
 def compared(own: float, other: float, failure: str = "", **expectation: object) -> str:
     entry = Entry("a-b", "", "cook", expect=(Expectation("drag", per="a-c", **expectation),))
-    beside = Outcome(Entry("a-c", "", "cook"), hard_runs.Path("nowhere"), failure, rows=({"drag": other},))
-    return judge(Outcome(entry, hard_runs.Path("nowhere"), "", rows=({"drag": own},)), {"a-c": beside}).word
+    beside = Outcome(Entry("a-c", "", "cook"), hard.Path("nowhere"), failure, rows=({"drag": other},))
+    return judge(Outcome(entry, hard.Path("nowhere"), "", rows=({"drag": own},)), {"a-c": beside}).word
 
 
 @pytest.mark.parametrize(
@@ -153,7 +152,7 @@ def test_without_the_other_entry_nothing_is_claimed():
 
 
 def with_history(name: str, times: list[float], values: list[float]) -> Outcome:
-    found = Outcome(Entry(name, "", "cook"), hard_runs.Path("nowhere"), "", rows=({},))
+    found = Outcome(Entry(name, "", "cook"), hard.Path("nowhere"), "", rows=({},))
     found.__dict__["history"] = pd.DataFrame({"time": times, "drag": values})
     return found
 
@@ -202,32 +201,29 @@ def runs(monkeypatch):
             raise TypeError("a fault")
         return done
 
-    monkeypatch.setattr(hard_runs, "run_one", run_one)
-    monkeypatch.setattr(hard_runs, "render", lambda scene, mumps: scene.name)
-    monkeypatch.setattr(hard_runs, "find_freefem", lambda: done)
+    monkeypatch.setattr(hard, "run_one", run_one)
+    monkeypatch.setattr(hard, "render", lambda scene, mumps: scene.name)
+    monkeypatch.setattr(hard, "find_freefem", lambda: done)
     return calls, done
 
 
 def test_nothing_runs_twice_but_what_has_changed(runs, tmp_path):
     calls, _ = runs
     entry = Entry("a-b", "", "cook")
-    first = hard_runs.run_all([entry], tmp_path)
-    assert (
-        hard_runs.run_all([replace(entry, what="other words", expect=(NEAR,))], tmp_path)["a-b"].rows
-        == first["a-b"].rows
-    )
+    first = hard.run_all([entry], tmp_path)
+    assert hard.run_all([replace(entry, what="other words", expect=(NEAR,))], tmp_path)["a-b"].rows == first["a-b"].rows
     assert (calls, first["a-b"].value("drag")) == (["a-b"], 2.0)
     assert math.isnan(first["a-b"].value("lift"))
-    hard_runs.run_all([replace(entry, set={"mesh.level": 1})], tmp_path)
+    hard.run_all([replace(entry, set={"mesh.level": 1})], tmp_path)
     assert calls == ["a-b", "a-b"]
 
 
 def test_a_fault_of_the_program_is_no_result_and_runs_again(runs, tmp_path, monkeypatch):
     calls, done = runs
     monkeypatch.setattr(done, "data", None)
-    found = hard_runs.run_all([ENTRIES["a-fsi3-1"]] * 1, tmp_path)["a-fsi3-1"]
-    assert found.failure == hard_runs.ERROR and "TypeError: a fault (test_verification_hard.py" in found.reason
-    hard_runs.run_all([ENTRIES["a-fsi3-1"]], tmp_path)
+    found = hard.run_all([ENTRIES["a-fsi3-1"]] * 1, tmp_path)["a-fsi3-1"]
+    assert found.failure == hard.ERROR and "TypeError: a fault (test_verification_hard.py" in found.reason
+    hard.run_all([ENTRIES["a-fsi3-1"]], tmp_path)
     assert len(calls) == 2
 
 
@@ -235,29 +231,29 @@ def test_what_was_killed_runs_again(runs, tmp_path, monkeypatch):
     calls, done = runs
     killed = {"failure": "crash", "reason": "FreeFEM died (killed): from outside"}
     monkeypatch.setattr(done, "data", killed)
-    assert hard_runs.run(Entry("a-b", "", "cook"), tmp_path).failure == "crash"
+    assert hard.run(Entry("a-b", "", "cook"), tmp_path).failure == "crash"
     monkeypatch.setattr(done, "data", killed | {"reason": "FreeFEM died (time-limit): 1 s"})
     for _ in range(2):
-        assert "time-limit" in hard_runs.run(Entry("a-b", "", "cook"), tmp_path).reason
+        assert "time-limit" in hard.run(Entry("a-b", "", "cook"), tmp_path).reason
     assert len(calls) == 2
 
 
 def test_what_nobody_checked_is_not_solved(runs, tmp_path, monkeypatch):
     _, done = runs
     monkeypatch.setattr(done, "data", {**done.data, "checked": False})
-    assert hard_runs.run(Entry("a-b", "", "cook"), tmp_path).failure == hard_runs.ERROR
+    assert hard.run(Entry("a-b", "", "cook"), tmp_path).failure == hard.ERROR
 
 
 def test_a_scene_that_is_refused_does_not_run(runs, tmp_path):
-    found = hard_runs.run(Entry("a-b", "", "cook", set={"mesh.levle": 1}), tmp_path)
-    assert found.failure == hard_runs.REFUSED and "mesh.levle" in found.reason
+    found = hard.run(Entry("a-b", "", "cook", set={"mesh.levle": 1}), tmp_path)
+    assert found.failure == hard.INVALID and "mesh.levle" in found.reason
     assert runs[0] == []
 
 
 def test_without_freefem_nothing_runs(tmp_path, monkeypatch):
     monkeypatch.setenv("FFSI_FREEFEM", "/nonexistent")
     with pytest.raises(FreeFEMNotFound):
-        hard_runs.run_all([], tmp_path)
+        hard.run_all([], tmp_path)
 
 
 # Files ----------------------------------------------------------------------------------------------------------------

@@ -16,11 +16,12 @@ from ffsi.result.published import references
 from ffsi.result.quantities import published_value
 from ffsi.run import watch
 from ffsi.scene import CASES
-from studies import kept_runs
-from studies.kept_runs import TimeRun, run_all
-from studies.verification import blood, hard, long, periodic
-from studies.verification.periodic_cases import PERIODIC_CASES, PeriodicRun
-from studies.verification.periodic_output import Outcome, case_table, marked
+from studies import runs
+from studies.runs import Run, run_all
+from studies.tables import Column
+from studies.verification import blood, hard
+from studies.verification import in_time as study
+from studies.verification.in_time import PERIODIC_CASES, LongCase, LongRun, Plan, case_table
 from studies.verification.sources import reference_sets
 
 BY_NAME = {case.name: case for case in PERIODIC_CASES}
@@ -45,8 +46,7 @@ README = "before\n<!-- verification-unsteady:begin -->\nold\n<!-- verification-u
 
 @pytest.fixture(autouse=True)
 def coarse_pictures(monkeypatch):
-    for module in (periodic, long):
-        monkeypatch.setattr(module, "to_small_png", lambda figure: to_png(figure, 20))
+    monkeypatch.setattr(study, "to_small_png", lambda figure: to_png(figure, 20))
 
 
 @pytest.fixture
@@ -63,22 +63,20 @@ def published(case: str) -> dict[str, dict[str, float | None]]:
     }
 
 
-def outcome(case: str, number: int = 0, **changes: object) -> Outcome:
+def outcome(case: str, number: int = 0, **changes: object) -> tuple[Plan, Run]:
     """A run that meets every published value."""
-    plan = BY_NAME[case].runs[number]
+    plan = BY_NAME[case].plans[number]
     data = {
         "status": "converged", "failure": "", "unknowns": 24000, "triangles": 2800, "quantities": published(case),
         "time": {"reached": 6.0, "periodic": True}, "newton": {"iterations": 800, "factorizations": 12},
         "check": {"momentum": 2e-11, "kinematics": None},
     }  # fmt: skip
-    return Outcome(plan, run_of(plan, data | changes))
+    return plan, run_of(plan, data | changes)
 
 
-def run_of(plan: PeriodicRun, data: dict[str, object]) -> TimeRun:
-    run = TimeRun(plan.name, plan.scene, folder.Path("nowhere"), data)
+def run_of(plan: Plan, data: dict[str, object]) -> Run:
     seconds = 1.0 + 0.25 * np.arange(200)
-    run.__dict__["history"] = pd.DataFrame({"time": 0.01 * np.arange(200), "seconds": seconds})
-    return run
+    return Run(plan.name, data, history=pd.DataFrame({"time": 0.01 * np.arange(200), "seconds": seconds}))
 
 
 # Published values -----------------------------------------------------------------------------------------------------
@@ -129,17 +127,17 @@ def test_a_mean_that_nobody_published_is_no_reference():
 
 @pytest.mark.parametrize("case", BY_NAME)
 def test_every_case_runs_on_two_meshes_with_two_steps_the_catalogue_first(case):
-    runs = BY_NAME[case].runs
+    plans = BY_NAME[case].plans
     own = CASES[case]
     assert own.time is not None
-    assert [run.is_default for run in runs] == [True, False, False, False]
-    assert len({run.name for run in runs}) == 4
-    assert {run.level for run in runs} == {own.mesh.level, own.mesh.level - 1}
-    assert {run.step for run in runs} == {own.time.step, own.time.step * 2}
-    for run in runs:
-        scene = run.scene
+    assert [plan.is_default for plan in plans] == [True, False, False, False]
+    assert len({plan.name for plan in plans}) == 4
+    assert {plan.level for plan in plans} == {own.mesh.level, own.mesh.level - 1}
+    assert {plan.step for plan in plans} == {own.time.step, own.time.step * 2}
+    for plan in plans:
+        scene = plan.scene
         assert scene.time is not None
-        assert (scene.mesh.level, scene.time.step, scene.time.stop) == (run.level, run.step, own.time.stop)
+        assert (scene.mesh.level, scene.time.step, scene.time.stop) == (plan.level, plan.step, own.time.stop)
 
 
 # Run folders ----------------------------------------------------------------------------------------------------------
@@ -157,7 +155,7 @@ def test_runs_are_done_once_and_a_killed_one_goes_on(tmp_path, in_time, check, c
     assert [run.failure for run in second] == ["", ""]
     assert [run.name for run in second] == ["one", "two"]
     assert in_time.first_steps == [1, 1, 21, 21]
-    assert second[0].steps == 60
+    assert second[0].steps["steps"] == 60
     assert second[0].quantities["tip_uy"]["amplitude"] == pytest.approx(0.03, rel=1e-2)
     third = run_all(scenes, tmp_path, jobs)
     assert len(in_time.first_steps) == 4
@@ -187,7 +185,7 @@ def test_a_run_of_another_script_stays_unless_it_failed(tmp_path, in_time, check
     assert run_all(bad, tmp_path)[0].failure == "not-converged"
     assert in_time.first_steps == [1, 1]
     assert "by another script" not in capsys.readouterr().err
-    monkeypatch.setattr(kept_runs, "render", lambda scene, mumps: "// new")
+    monkeypatch.setattr(runs, "render", lambda scene, mumps: "// new")
     run_all(scenes, tmp_path)
     assert "by another script than that of today" in capsys.readouterr().err
     assert run_all(bad, tmp_path)[0].failure == ""
@@ -205,9 +203,8 @@ def test_a_folder_of_somebody_else_is_refused(tmp_path, in_time, check):
 
 
 def test_what_misses_its_bound_is_marked():
-    assert marked(0.0101, 0.01) == "+1.010 % !"
-    assert marked(-0.0099, 0.01) == "-0.990 %"
-    assert marked(math.nan, 0.01) == "– !"
+    marked = Column("", "error", "%", 0.01)
+    assert [marked.cell({"error": x}) for x in (0.0101, -0.0099, math.nan)] == ["+1.010 % !", "-0.990 %", "– !"]
 
 
 def test_the_table_of_a_case():
@@ -244,7 +241,7 @@ def test_everything_is_written(tmp_path, in_time, check, capsys):
         replace(BY_NAME["turek-cfd3"], parts=(20.0,), coarser=(0,)),
     ]
     given = {"out": tmp_path / "results", "runs": tmp_path / "runs", "cases": cases}
-    assert periodic.main(readme=readme, **given) == [""] * 5
+    assert study.main(readme=readme, **given) == [""] * 5
     frame = pd.read_csv(tmp_path / "results/verification-unsteady.csv")
     assert frame["case"].tolist() == ["turek-fsi3"] * 4 + ["turek-cfd3"]
     row = frame.iloc[0]
@@ -264,7 +261,7 @@ def test_everything_is_written(tmp_path, in_time, check, capsys):
     assert "| u_y amplitude (< 3 %) |" in (tmp_path / "results/verification-unsteady.md").read_text()
     assert "turek-cfd3" in capsys.readouterr().out
     steps = list(in_time.first_steps)
-    assert periodic.main(readme=readme, **given) == [""] * 5
+    assert study.main(readme=readme, **given) == [""] * 5
     assert in_time.first_steps == steps
     assert readme.read_text() == text
 
@@ -275,7 +272,7 @@ def test_a_failed_run_leaves_the_readme_alone(tmp_path, in_time, check, capsys):
     in_time.fail = 20
     case = replace(BY_NAME["turek-fsi3"], parts=(10.0,), coarser=(0,))
     given = {"out": tmp_path / "results", "runs": tmp_path / "runs", "cases": [case]}
-    assert periodic.main(readme=readme, **given) == ["not-converged"]
+    assert study.main(readme=readme, **given) == ["not-converged"]
     assert readme.read_text() == README
     assert "stays as it is" in capsys.readouterr().err
     frame = pd.read_csv(tmp_path / "results/verification-unsteady.csv")
@@ -286,17 +283,21 @@ def test_a_failed_run_leaves_the_readme_alone(tmp_path, in_time, check, capsys):
 # Long runs ------------------------------------------------------------------------------------------------------------
 
 
-def long_run(end: float, growth: float = 0.0, reached: float | None = None) -> long.LongRun:
+def long_run(end: float, growth: float = 0.0, reached: float | None = None) -> LongRun:
     """u_y with the amplitude 0.1 (1 + growth t), from t = 2 s on, and J."""
     t = np.arange(0.01, (reached or end) + 1e-9, 0.01)
     on = np.clip((t - 2) / 1.5, 0, 1) ** 2
     u = 0.1 * on * (1 + growth * t) * np.sin(2 * np.pi * 2 * t)
     history = pd.DataFrame({"time": t, "tip_uy": u, "min_jacobian": 0.5 - np.abs(u), "seconds": 0.1 * t})
-    case = long.LongCase("turek-fsi2", end)
-    data = {"failure": "", "time": {"reached": reached or end}, "unknowns": 24000, "check": {"momentum": 1e-11}}
-    run = TimeRun(case.folder, case.scene, folder.Path("nowhere"), data)
-    run.__dict__["history"] = history
-    return long.LongRun(case, run)
+    case = LongCase("turek-fsi2", end)
+    data = {
+        "failure": "",
+        "time": {"reached": reached or end},
+        "unknowns": 24000,
+        "level": 1,
+        "check": {"momentum": 1e-11},
+    }
+    return LongRun(case, Run(case.name, data | {"level": 1}, history=history))
 
 
 def test_blocks_of_a_motion_that_stays_as_it_is():
@@ -304,29 +305,30 @@ def test_blocks_of_a_motion_that_stays_as_it_is():
     assert item.complete
     assert len(item.blocks) == 16 or len(item.blocks) == 17
     assert item.blocks[-1].amplitude == pytest.approx(0.1, rel=1e-3)
-    assert abs(item.last_change) < 1e-3
-    assert item.least_jacobians[-1] == pytest.approx(0.4, abs=1e-3)
-    row = dict(zip(long.summary_table([item]).head, long.summary_table([item]).body[0], strict=True))
+    assert abs(item.lines[-1]["change"]) < 1e-3
+    assert item.lines[-1]["min_jacobian"] == pytest.approx(0.4, abs=1e-3)
+    row = dict(zip(study.summary_table([item]).head, study.summary_table([item]).body[0], strict=True))
     assert row["t s"] == "20.00"
     assert "!" not in "".join(row.values())
 
 
 def test_a_growing_motion_and_a_run_that_ended_early_are_marked():
     growing = long_run(20.0, growth=0.5)
-    assert growing.last_change > 0.02
-    (cells,) = long.summary_table([growing]).body
-    assert [cell for cell in cells if "!" in cell] == [f"{100 * growing.last_change:+.3f} % !"]
+    change = growing.lines[-1]["change"]
+    assert change > 0.02
+    (cells,) = study.summary_table([growing]).body
+    assert [cell for cell in cells if "!" in cell] == [f"{100 * change:+.3f} % !"]
     early = long_run(20.0, reached=19.0)
     assert not early.complete
-    (cells,) = long.summary_table([early]).body
+    (cells,) = study.summary_table([early]).body
     assert [cell for cell in cells if "!" in cell] == ["19.00 !"]
-    frame = long.to_frame([growing, early])
+    frame = study.long_frame([growing, early])
     assert frame["complete"].tolist() == [True] * len(growing.blocks) + [False] * len(early.blocks)
     assert frame["block"].iloc[0] == 1
 
 
 def test_the_long_runs_are_those_that_were_asked_for():
-    scenes = {case.name: case.scene for case in long.LONG_CASES}
+    scenes = {case.name: case.scene for case in study.LONG_CASES}
     assert {name: (scene.time.end, scene.time.stop) for name, scene in scenes.items()} == {
         "turek-fsi2": (35.0, "end"), "turek-fsi3": (20.0, "end"),
     }  # fmt: skip
@@ -336,7 +338,7 @@ def test_the_long_runs_are_those_that_were_asked_for():
 
 
 def test_long_runs_are_written(tmp_path, in_time, check):
-    class Short(long.LongCase):
+    class Short(LongCase):
         @property
         def scene(self):
             return scene_in_time(f"time.end={self.end}")
@@ -345,7 +347,7 @@ def test_long_runs_are_written(tmp_path, in_time, check):
     readme.write_text(README.replace("verification-unsteady", "long"))
     cases = [Short("turek-fsi3", 12.0)]
     given = {"out": tmp_path, "runs": tmp_path / "runs", "cases": cases}
-    assert long.main(readme=readme, **given) == [""]
+    assert study.main_long(readme=readme, **given) == [""]
     frame = pd.read_csv(tmp_path / "long.csv")
     assert frame["complete"].all()
     assert frame["amplitude"].iloc[-1] == pytest.approx(0.03, rel=1e-2)
@@ -353,14 +355,14 @@ def test_long_runs_are_written(tmp_path, in_time, check):
     assert (tmp_path / "long-fsi3.png").read_bytes().startswith(b"\x89PNG")
     assert "| 1 | " in (tmp_path / "long.md").read_text()
     assert "[long-fsi3.png](long-fsi3.png)" in readme.read_text()
-    assert long.main(**given) == [""]
+    assert study.main_long(**given) == [""]
     assert in_time.first_steps == [1]
 
 
 def test_a_long_run_that_died_at_once_has_one_row(tmp_path, in_time, check):
     in_time.fail = 1
-    cases = [long.LongCase("turek-fsi3", 20.0)]
-    assert long.main(out=tmp_path, runs=tmp_path / "runs", cases=cases) == ["not-converged"]
+    cases = [LongCase("turek-fsi3", 20.0)]
+    assert study.main_long(out=tmp_path, runs=tmp_path / "runs", cases=cases) == ["not-converged"]
     frame = pd.read_csv(tmp_path / "long.csv")
     assert frame["complete"].tolist() == [False]
 
@@ -371,16 +373,17 @@ def test_a_long_run_that_died_at_once_has_one_row(tmp_path, in_time, check):
 @pytest.mark.parametrize(
     ("words", "module", "options"),
     [
-        (["--unsteady"], periodic, {}),
-        (["--unsteady", "--jobs", "2"], periodic, {"jobs": 2}),
-        (["--long", "--runs", "there"], long, {"runs": folder.Path("there")}),
+        (["--unsteady"], study, {}),
+        (["--unsteady", "--jobs", "2"], study, {"jobs": 2}),
+        (["--long", "--runs", "there"], study, {"runs": folder.Path("there")}),
         (["--blood", "--jobs", "2", "--runs", "there"], blood, {"jobs": 2, "runs": folder.Path("there")}),
         (["--hard", "--only", "h-*", "--out", "there"], hard, {"only": "h-*", "out": folder.Path("there")}),
     ],
 )
 def test_the_kind_of_verification_is_chosen_by_its_option(capsys, monkeypatch, words, module, options):
     seen = []
-    monkeypatch.setattr(module, "main", lambda **given: seen.append(given) or ["not-converged"])
+    name = "main_long" if "--long" in words else "main"
+    monkeypatch.setattr(module, name, lambda **given: seen.append(given) or ["not-converged"])
     assert call(capsys, "verify", *words)[0] == 3
     assert seen == [options]
 
@@ -389,7 +392,7 @@ def test_the_kind_of_verification_is_chosen_by_its_option(capsys, monkeypatch, w
     ("words", "message"),
     [
         (["--unsteady", "--long"], "give either --unsteady or --long, not both"),
-        (["--unsteady", "--levels", "1"], "python -m studies verify --unsteady has no option --levels"),
+        (["--unsteady", "--only", "x"], "python -m studies verify --unsteady has no option --only"),
         (["--jobs", "2"], "python -m studies verify has no option --jobs"),
         (["--long", "--only", "h-*"], "python -m studies verify --long has no option --only"),
         (["--hard", "--readme", "README.md"], "python -m studies verify --hard has no option --readme"),

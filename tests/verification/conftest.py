@@ -5,20 +5,19 @@ from dataclasses import replace
 
 import pytest
 
-from studies.measurement import Measurement, Variant, measure
-
-PLAIN = ("output.pictures=false", "output.vtu=false")
+from studies.runs import PLAIN, Run
+from studies.verification.steady import Variant, measure
 
 
 @pytest.fixture(scope="session")
-def measured() -> Callable[[Variant, int], Measurement]:
+def measured() -> Callable[[Variant, int], Run]:
     """Run a variant of a case on a mesh level, once; a run that fails fails the test."""
-    known: dict[tuple[Variant, int], Measurement] = {}
+    known: dict[tuple[Variant, int], Run] = {}
 
-    def measured(variant: Variant, level: int) -> Measurement:
+    def measured(variant: Variant, level: int) -> Run:
         if (variant, level) not in known:
             plain = replace(variant, settings=(*variant.settings, *PLAIN))
-            known[variant, level] = measure(variant.case, level, plain)
+            known[variant, level] = measure(plain, level)
         run = known[variant, level]
         assert not run.failure, run.data["reason"]
         return run

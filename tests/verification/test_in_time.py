@@ -10,8 +10,8 @@ import pandas as pd
 import pytest
 
 from ffsi.scene import CASES
-from studies.verification import long, periodic
-from studies.verification.periodic_cases import LARGEST, PERIODIC_CASES
+from studies.verification import in_time
+from studies.verification.in_time import LARGEST, PERIODIC_CASES
 
 RESULTS = Path(__file__).parents[2] / "results"
 COMPARED = [(case, item) for case in PERIODIC_CASES for item in case.compared]
@@ -27,7 +27,7 @@ def table(name: str) -> pd.DataFrame:
 
 def default_run(case: str) -> pd.Series:
     """The run with the catalogue's mesh level and time step of today."""
-    rows, scene = table(periodic.CSV), CASES[case]
+    rows, scene = table(in_time.CSV), CASES[case]
     (row,) = rows[
         (rows["case"] == case) & (rows["level"] == scene.mesh.level) & (abs(rows["step"] / scene.time.step - 1) < 1e-9)
     ].iloc
@@ -51,21 +51,21 @@ def test_the_catalogues_mesh_is_moderate_and_its_motion_periodic(case):
 
 
 def test_every_run_is_there_and_checked():
-    rows = table(periodic.CSV)
-    assert len(rows) == sum(len(case.runs) for case in PERIODIC_CASES)
+    rows = table(in_time.CSV)
+    assert len(rows) == sum(len(case.plans) for case in PERIODIC_CASES)
     assert (rows["status"] == "converged").all()
     assert (rows["check_maximum"] < CHECK).all()
 
 
-@pytest.mark.parametrize("case", long.LONG_CASES, ids=lambda case: case.name)
+@pytest.mark.parametrize("case", in_time.LONG_CASES, ids=lambda case: case.name)
 def test_long_runs_keep_their_amplitude_and_their_mesh(case):
-    rows = table(long.CSV)
+    rows = table(in_time.LONG_CSV)
     own = rows[rows["case"] == case.name]
     assert own["complete"].all()
     assert own["reached"].iloc[-1] >= case.end * (1 - 1e-9)
     amplitude, least = (own[name].to_numpy() for name in ("amplitude", "min_jacobian"))
     print(f"{case.name}: {len(own)} blocks, amplitude {amplitude[-2]:.6g}, {amplitude[-1]:.6g}, J {least[-2:]}")
     assert len(own) >= 10
-    assert abs(amplitude[-1] - amplitude[-2]) < long.BOUND * amplitude[-1]
+    assert abs(amplitude[-1] - amplitude[-2]) < in_time.BOUND * amplitude[-1]
     assert abs(least[-1] - least[-2]) < 0.02
     assert own["check_maximum"].iloc[-1] < CHECK

@@ -4,16 +4,16 @@ from itertools import pairwise
 
 import pytest
 
-from studies.verification import flaps
+from studies.verification import steady
 
 LEVELS = range(5)
 TIP, DRAG = 0.5e-2, 0.3e-2  # largest relative difference between two levels; half of it between the finest two
 
 
-@pytest.mark.parametrize("variant", flaps.VARIANTS, ids=lambda item: item.case)
+@pytest.mark.parametrize("variant", steady.FLAPS, ids=lambda item: item.case)
 def test_levels_differ_by_little(measured, variant):
     runs = [measured(variant, level) for level in LEVELS]
-    tips, drags = ([of(*pair) for pair in pairwise(runs)] for of in (flaps.tip_difference, flaps.drag_difference))
+    tips, drags = ([of(*pair) for pair in pairwise(runs)] for of in (steady.tip_difference, steady.drag_difference))
     print(f"{variant.case}: tip {tips}, drag {drags}")
     assert max(tips) < TIP
     assert max(drags) < DRAG

@@ -15,7 +15,7 @@ from ffsi.reference.solve import solve
 from ffsi.reference.structured import structured_mesh
 from ffsi.reference.system import System
 from ffsi.scene import load_scene, with_values
-from studies.verification import cook, elastica
+from studies.verification import steady
 
 LEVELS = (0, 1, 2, 3)
 LINEAR_BAND = (32.20, 32.33)  # of published computations
@@ -25,7 +25,7 @@ CORNER = (48.0, 60.0)
 
 @pytest.fixture(scope="module")
 def linear():
-    return {level: cook.measure_linear(level) for level in LEVELS}
+    return {level: steady.measure(steady.LINEAR, level) for level in LEVELS}
 
 
 def deflections(measured, variant, levels=LEVELS):
@@ -47,7 +47,7 @@ def test_linear_membrane_lies_in_the_published_band_and_converges(linear):
     assert falls(values)
 
 
-@pytest.mark.parametrize("variant", [cook.NEO_HOOKEAN, cook.INCOMPRESSIBLE], ids=lambda item: item.name)
+@pytest.mark.parametrize("variant", [steady.NEO_HOOKEAN, steady.INCOMPRESSIBLE], ids=lambda item: item.name)
 def test_membrane_meets_the_published_value_and_converges(measured, variant):
     (source,) = measured(variant, 2).compared
     errors = [abs(source.error("tip_uy", value)) for value in deflections(measured, variant)]
@@ -56,7 +56,7 @@ def test_membrane_meets_the_published_value_and_converges(measured, variant):
     assert falls(deflections(measured, variant))
 
 
-@pytest.mark.parametrize("variant", cook.VARIANTS[1:4], ids=lambda item: item.name)
+@pytest.mark.parametrize("variant", steady.MEMBRANES[1:4], ids=lambda item: item.name)
 def test_membrane_is_checked_on_every_level(measured, variant):
     for level in LEVELS:
         assert measured(variant, level).check_maximum < 1e-8
@@ -72,7 +72,7 @@ def independent(n):
     square = structured_mesh(lines**1.5, 1 - (1 - lines) ** 1.5, lambda x, y: 2, lambda x, y: {0: 6, 1: 12}.get(x, 7))
     x, y = square.vertices.T
     mesh = dataclasses.replace(square, vertices=np.column_stack([48 * x, 44 * x + (44 - 28 * x) * y]))
-    scene = load_scene("cook", list(cook.NEARLY_INCOMPRESSIBLE.settings))
+    scene = load_scene("cook", list(steady.NEARLY_INCOMPRESSIBLE.settings))
     state = None
     for part in (0.3, 0.6, 1.0):
         loaded = with_values(scene, {"traction.y": part * scene.traction.y})
@@ -89,7 +89,7 @@ def extrapolated(first, second, third):
 def test_nearly_incompressible_membrane_agrees_with_the_independent_solver(measured):
     values = [independent(n) for n in (8, 16, 32)]
     limit = extrapolated(*values)
-    ours = deflections(measured, cook.NEARLY_INCOMPRESSIBLE)
+    ours = deflections(measured, steady.NEARLY_INCOMPRESSIBLE)
     print(f"independent solver {values}, extrapolated {limit:.5f}; this program {ours}")
     assert values[0] < values[1] < values[2] < limit
     for level, value in zip(LEVELS, ours, strict=True):
@@ -98,17 +98,17 @@ def test_nearly_incompressible_membrane_agrees_with_the_independent_solver(measu
 
 def test_nearly_incompressible_membrane_differs_from_the_published_value(measured):
     """Which is 0.37 % below it: studies/data/README.md says what was tried. Every mesh of both solvers is above it."""
-    run = measured(cook.NEARLY_INCOMPRESSIBLE, 2)
+    run = measured(steady.NEARLY_INCOMPRESSIBLE, 2)
     (source,) = run.compared
     assert source.error("tip_uy", run.value("tip_uy")) == pytest.approx(0.37e-2, abs=0.03e-2)
-    assert min(independent(32), *deflections(measured, cook.NEARLY_INCOMPRESSIBLE)) > 1.002 * source.values["tip_uy"]
+    assert min(independent(32), *deflections(measured, steady.NEARLY_INCOMPRESSIBLE)) > 1.002 * source.values["tip_uy"]
 
 
 def test_mixed_form_does_not_lock(measured):
     """On the coarsest mesh the displacement form is too stiff by more than five times the error of the mixed form."""
-    (mixed,) = deflections(measured, cook.NEARLY_INCOMPRESSIBLE, [0])
-    (finest,) = deflections(measured, cook.NEARLY_INCOMPRESSIBLE, [3])
-    (locked,) = deflections(measured, cook.DISPLACEMENT, [0])
+    (mixed,) = deflections(measured, steady.NEARLY_INCOMPRESSIBLE, [0])
+    (finest,) = deflections(measured, steady.NEARLY_INCOMPRESSIBLE, [3])
+    (locked,) = deflections(measured, steady.DISPLACEMENT, [0])
     assert locked < mixed < finest
     assert finest - locked > 5 * (finest - mixed)
 
@@ -116,7 +116,7 @@ def test_mixed_form_does_not_lock(measured):
 # The cantilever ------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("variant", elastica.VARIANTS, ids=lambda item: item.name)
+@pytest.mark.parametrize("variant", steady.LOADS, ids=lambda item: item.name)
 def test_cantilever_meets_the_elastica(measured, variant):
     for level in (0, 1, 2):
         run = measured(variant, level)
@@ -128,7 +128,7 @@ def test_cantilever_meets_the_elastica(measured, variant):
         assert run.check_maximum < 1e-8
 
 
-@pytest.mark.parametrize("variant", elastica.VARIANTS, ids=lambda item: item.name)
+@pytest.mark.parametrize("variant", steady.LOADS, ids=lambda item: item.name)
 def test_cantilever_converges(measured, variant):
     tips = [[measured(variant, level).value(name) for name in ("tip_ux", "tip_uy")] for level in (0, 1, 2)]
     first, second = (np.linalg.norm(np.subtract(*pair)) for pair in pairwise(tips))

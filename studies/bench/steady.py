@@ -1,0 +1,309 @@
+"""What steady runs cost: error against seconds over the mesh levels; assembly and formulations in factorisations."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from statistics import median
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+
+from ffsi.cli import show
+from ffsi.hemodynamics.result import Result
+from ffsi.report.curves import LINES, MARKERS
+from ffsi.result.pictures import INK, to_png
+from ffsi.scene import CASES, load_scene
+from studies.harness import Study
+from studies.pictures import dress, over_seconds
+from studies.runs import Run, solved
+from studies.tables import Column, TextTable, bounded, markdown, table
+from studies.verification.sources import COLUMNS, compared
+from studies.verification.steady import Variant, measure
+
+SOLVER = ("residual", "jacobian", "factorize", "solve")
+WORDS = {"jacobian": "Jacobian", "factorize": "factorise"}  # phases that are called otherwise in tables
+COARSER = "coarser_meshes"
+
+
+class Ratio(NamedTuple):
+    """A cost in units of one factorisation on the final mesh: the sum of `phases`, which should be below `bound`."""
+
+    name: str
+    title: str
+    phases: tuple[str, ...]
+    bound: float
+
+    @property
+    def form(self) -> str:
+        """How it is written."""
+        return "{:.3f}" if self.bound < 1 else "{:.2f}"
+
+
+# Phases are summed over the whole run, coarser meshes included; one_* is the median of a single one on the final mesh.
+RATIOS = (
+    Ratio("newton", "residual + Jacobian + factorise + solve", SOLVER, 5.0),
+    Ratio("one_jacobian", "one Jacobian", ("one_jacobian",), 1.0),
+    Ratio("one_residual", "one residual", ("one_residual",), 0.05),
+    Ratio("overhead", "mesh + operators + output + check", ("mesh", "operators", "output", "check"), 4.0),
+)
+
+
+def total(timings: Mapping[str, float], phases: Iterable[str]) -> float:
+    """Return the seconds of some phases; NaN where one was not timed."""
+    return sum(timings.get(phase, math.nan) for phase in phases)
+
+
+def ratios(timings: Mapping[str, float]) -> dict[str, float]:
+    """Return each of `RATIOS` from the timings of one run (s); NaN where a phase was not timed."""
+    unit = timings.get("one_factorization") or math.nan
+    return {ratio.name: total(timings, ratio.phases) / unit for ratio in RATIOS}
+
+
+def cost_row(runs: Sequence[Run]) -> dict[str, Any]:
+    """Return sizes, Newton's counts and the medians of seconds and ratios over the runs of one scene on one level."""
+    good = [run for run in runs if not run.failure]
+    status = "converged" if len(good) == len(runs) else "failed"
+    row: dict[str, Any] = {"case": runs[0].name, "level": runs[0].level, "status": status, "runs": len(runs)}
+    if not good:
+        return row
+    row |= {name: good[0].data[name] for name in ("unknowns", "triangles")}
+    row |= {name: good[0].data["newton"][name] for name in ("iterations", "factorizations")}
+    times = pd.DataFrame([run.timings for run in good]).median()
+    row |= {"script_seconds": times.get("script"), "seconds": times.get("total")}
+    row |= {f"{name}_seconds": value for name, value in times.items() if name not in ("script", "total")}
+    costs = pd.DataFrame([ratios(run.timings) for run in good]).median().dropna()
+    return row | {f"ratio_{name}": value for name, value in costs.items()}
+
+
+UNKNOWNS, ITERATIONS = Column("unknowns", "unknowns"), Column("iterations", "iterations")
+FACTORIZATIONS = Column("factorisations", "factorizations")
+
+
+def repeated(command: str, repeat: int) -> str:
+    """Return a command with its option, if it has one."""
+    return command + (f" --repeat {repeat}" if repeat > 1 else "")
+
+
+# Error against seconds ------------------------------------------------------------------------------------------------
+
+CASE, LEVELS = "turek-fsi1", (0, 1, 2, 3, 4)
+BOUNDS = (
+    "The bounds are meant for about 30 000 unknowns (level 2); `!` marks what is above them. Level 0 starts from rest, "
+    "with new factors in every iteration; the sums of the other levels contain the coarser meshes."
+)
+
+
+def level_row(runs: Sequence[Run]) -> dict[str, Any]:
+    """Return the line of one level: costs, and the errors of a run that was solved.
+
+    `error_0_drag` is the relative error of the drag against the first of the case's compared sources.
+    """
+    row = cost_row(runs)
+    for run in [run for run in runs if not run.failure][:1]:
+        for index, source in enumerate(compared(CASE)):
+            row |= {f"error_{index}_{name}": error for name, error in source.errors(run.quantities).items()}
+    return row
+
+
+def level_tables(rows: Sequence[Mapping[str, Any]]) -> list[TextTable]:
+    """Return sizes, seconds and errors against the first source, errors against the others, and ratios with bounds."""
+    level, tables = Column("level", "level"), []
+    for index, source in enumerate(compared(CASE)):
+        columns = [Column(COLUMNS[name], f"error_{index}_{name}", "%") for name in source.values]
+        title = f"errors against {source.source}"
+        if not index:
+            title = f"{CASE}: {title}"
+            seconds = [Column("script s", "script_seconds", "{:.2f}"), Column("total s", "seconds", "{:.2f}")]
+            sizes = [UNKNOWNS, Column("triangles", "triangles"), *seconds]
+            columns = [*sizes, *columns, ITERATIONS, FACTORIZATIONS]
+        tables.append(table(rows, [level, *columns], title=title))
+    factorization = Column("one factorisation s", "one_factorization_seconds", "{:.3f}")
+    found = [
+        Column(f"{ratio.title} (below {ratio.bound:g})", f"ratio_{ratio.name}", ratio.form, ratio.bound)
+        for ratio in RATIOS
+    ]
+    title = "seconds / seconds of one factorisation on the final mesh"
+    return [*tables, table(rows, [level, UNKNOWNS, factorization, *found], title=title)]
+
+
+def draw(rows: Sequence[Mapping[str, Any]]) -> Figure:
+    """Draw |relative error| of each quantity over the script's seconds, one panel per source."""
+    sources = compared(CASE)
+    figure = Figure(figsize=(5.2 * len(sources), 4.2), layout="constrained", facecolor="white")
+    panels = np.atleast_1d(figure.subplots(1, len(sources), sharey=True))
+    for index, (axes, source) in enumerate(zip(panels, sources, strict=True)):
+        for i, name in enumerate(source.values):
+            key = f"error_{index}_{name}"
+            points = [(row["script_seconds"], 100 * abs(row[key])) for row in rows if key in row]
+            label = f"${COLUMNS[name]}$" if "_" in COLUMNS[name] else COLUMNS[name]
+            style = {"color": LINES[i % len(LINES)], "marker": MARKERS[i % len(MARKERS)]}
+            if points:
+                axes.plot(*zip(*points, strict=True), label=label, linewidth=1.4, markersize=5, **style)
+        axes.set_title(f"{CASE}, against {source.source}", loc="left", fontsize=11, color=INK)
+        over_seconds(axes)
+        dress(axes, "both", 0.6)
+    panels[0].set_ylabel("relative error (%)", color=INK)
+    panels[0].legend(frameon=False, fontsize=9, labelcolor=INK)
+    return figure
+
+
+def main_levels(*, repeat: int = 1, out: Path | None = None, readme: Path | None = None) -> list[str]:
+    """Run FSI1 on every mesh level, one thread, and print errors, seconds and ratios: medians of `repeat` runs."""
+    study = Study(repeated("bench", repeat), out, readme, ["bench"])
+    runs = [[measure(Variant(CASE), level) for _ in range(repeat)] for level in LEVELS]
+    rows = [level_row(group) for group in runs]
+    tables = level_tables(rows)
+    for item in tables:
+        item.print()
+    csv, picture = f"bench-{CASE}.csv", f"bench-{CASE}.png"
+    study.write({csv: lambda: pd.DataFrame(rows), picture: lambda: to_png(draw(rows))})
+    every = [run for group in runs for run in group]
+    more = f"{study.written(run.data for run in every)} {BOUNDS}{study.links('Error over seconds', [picture])}"
+    return study.publish([run.failure for run in every], {"bench": f"{tables[-1].markdown()}\n\n{more}"})
+
+
+# Every steady scene near 30 000 unknowns, and what a solid's pressure as an unknown costs ----------------------------
+
+BLOCK = "bench-scenes"
+SCENES_CSV, FORMULATIONS_CSV = "bench-scenes.csv", "bench-formulations.csv"
+# The level whose number of unknowns is the nearest to 30 000 where it is not 2.
+NEAREST = {"turek-csm1": 4, "turek-csm2": 4, "cylinder-2d1": 3, "cavity-flexible-floor": 3}
+
+# The solid of each scene that is also run with a pressure of its own.
+FORMULATED = {"flap-neo-hookean": "flap", "flap-mooney-rivlin": "flap", "cook": "membrane"}
+FORMULATIONS = ("displacement", "mixed", "incompressible")
+# What is compared between two formulations: name, title, phases.
+COMPARED = (
+    ("total", "whole run", ("total",)),
+    ("script", "script", ("script",)),
+    ("newton", "Newton", SOLVER),
+    ("one_jacobian", "one Jacobian", ("one_jacobian",)),
+    ("one_factorization", "one factorisation", ("one_factorization",)),
+)
+FORMULATION_BOUND = 1.5
+
+# Short titles of `RATIOS`.
+SHORT = {"newton": "Newton", "overhead": "other phases"}
+MEANING = "; ".join(f"{SHORT[ratio.name]}: {ratio.title}" for ratio in RATIOS if ratio.name in SHORT)
+SCENES_TEXT = (
+    "Costs of a whole run in units of one factorisation on the final mesh, coarser meshes included, at the level "
+    f"nearest to 30 000 unknowns. {MEANING}. *Coarser meshes*: all that the script does before the final mesh. "
+    "Iterations and factorisations are those on the final mesh. `!` marks what is above its bound; the last column "
+    "gives the phases of it."
+)
+FORMULATIONS_TEXT = (
+    "A pressure of the solid as one more unknown, as a multiple of the displacement form in the same repetition; `!` "
+    f"marks what is above {FORMULATION_BOUND}. Whole run: wall clock of all that `ffsi run` does but pictures; the "
+    "others are the script's processor time. An incompressible solid is another problem than the compressible one, "
+    "with other Newton iterations."
+)
+
+
+def run(case: str, *settings: str) -> Run:
+    """Run and check a case near 30 000 unknowns without pictures; errors as of `runs.solved`.
+
+    The timings of a solved run also hold `coarser_meshes`: the script's seconds until Newton's method had finished on
+    the last but one mesh.
+    """
+    settings = (f"mesh.level={NEAREST.get(case, 2)}", *settings)
+    scene = load_scene(case, [*settings, "output.pictures=false"])
+    return solved(" ".join([case, *settings]), scene, case, more=_with_coarser)
+
+
+def _with_coarser(result: Result) -> dict[str, Any]:
+    history = result.history
+    before = history[history["stage"] < history["stage"].max()]
+    return {"timings": {**result.data["timings"], COARSER: 0.0 if before.empty else float(before["seconds"].max())}}
+
+
+def scene_table(rows: Sequence[Mapping[str, Any]], *, reasons: bool = False) -> TextTable:
+    """Return the ratios of every scene, on request with the phases of what is above its bound (marked with `!`)."""
+    columns = [
+        Column("case", "case"),
+        Column("level", "level"),
+        UNKNOWNS,
+        Column("factorisation s", "one_factorization_seconds", "{:.3f}"),
+    ]
+    columns += [
+        bounded(SHORT.get(ratio.name, ratio.title), f"ratio_{ratio.name}", ratio.bound, ratio.form) for ratio in RATIOS
+    ]
+    columns += [Column("coarser meshes", lambda row: _share(row, COARSER), "{:.2f}"), ITERATIONS, FACTORIZATIONS]
+    columns += [Column("above the bound", lambda row: "; ".join(above(row)))] if reasons else []
+    return table(rows, columns, title="Scenes: seconds / seconds of one factorisation")
+
+
+def above(row: Mapping[str, Any]) -> list[str]:
+    """Return what is above its bound, a sum with its phases: `Newton: Jacobian 7.0, factorise 6.3, solve 1.2, ...`."""
+    found = []
+    for ratio in RATIOS:
+        if row.get(f"ratio_{ratio.name}", 0.0) > ratio.bound:
+            shares = sorted(((_share(row, phase), phase) for phase in ratio.phases), reverse=True)
+            parts = ", ".join(f"{WORDS.get(phase, phase)} {share:.1f}" for share, phase in shares)
+            found.append(f"{SHORT[ratio.name]}: {parts}" if ratio.name in SHORT else ratio.title)
+    return found
+
+
+def _share(row: Mapping[str, Any], phase: str) -> float:
+    return float(row.get(f"{phase}_seconds", math.nan) / row.get("one_factorization_seconds", math.nan))
+
+
+def formulation_rows(case: str, repetitions: Sequence[Sequence[Run]]) -> list[dict[str, Any]]:
+    """Return one line per formulation: counts, and each cost as a multiple of the displacement form's.
+
+    A repetition is one run of each of `FORMULATIONS`; a quotient is the median over the repetitions.
+    """
+    rows = []
+    for index, formulation in enumerate(FORMULATIONS):
+        row = {**cost_row([runs[index] for runs in repetitions]), "case": case, "formulation": formulation}
+        pairs = [(runs[index], runs[0]) for runs in repetitions if not runs[index].failure and not runs[0].failure]
+        for name, _, phases in COMPARED if pairs else ():
+            quotients = [total(item.timings, phases) / total(base.timings, phases) for item, base in pairs]
+            row[f"quotient_{name}"] = median(quotients)
+        rows.append(row)
+    return rows
+
+
+def formulation_table(rows: Sequence[Mapping[str, Any]]) -> TextTable:
+    """Return the costs of the formulations; a value above the bound is marked with `!`."""
+    head = [Column("case", "case"), Column("formulation", "formulation"), UNKNOWNS, ITERATIONS, FACTORIZATIONS]
+    costs = [Column(title, f"quotient_{name}", "{:.2f}", FORMULATION_BOUND) for name, title, _ in COMPARED]
+    title = f"Formulations of the solid: seconds / seconds of the displacement form (below {FORMULATION_BOUND})"
+    return table(rows, [*head, *costs], left=2, title=title)
+
+
+def main_scenes(*, repeat: int = 1, out: Path | None = None, readme: Path | None = None) -> list[str]:
+    """Run every steady scene of the catalogue and the formulations of a solid, one thread, and print what they cost.
+
+    Seconds and ratios are the medians of `repeat` runs.
+    """
+    study = Study(repeated("bench --scenes", repeat), out, readme, [BLOCK])
+    measure(Variant("turek-csm1"), 0)  # what Python imports and FreeFEM reads from disk for the first time
+    groups = [[run(case) for _ in range(repeat)] for case in CASES.steady]
+    pairs = {
+        case: [[run(case, f"solid.{solid}.formulation={name}") for name in FORMULATIONS] for _ in range(repeat)]
+        for case, solid in FORMULATED.items()
+    }
+    scenes = [cost_row(group) for group in groups]
+    forms = [row for case, repetitions in pairs.items() for row in formulation_rows(case, repetitions)]
+    formulations = formulation_table(forms)
+    for item in (scene_table(scenes), formulations):
+        item.print()
+    for row in scenes:
+        for text in above(row):
+            show.note(f"above the bound, {row['case']}: {text}")
+    study.write({SCENES_CSV: lambda: pd.DataFrame(scenes), FORMULATIONS_CSV: lambda: pd.DataFrame(forms)})
+    every = [item for group in groups for item in group]
+    every += [item for repetitions in pairs.values() for runs in repetitions for item in runs]
+    written = study.written(item.data for item in every) + study.links("Every phase", (SCENES_CSV, FORMULATIONS_CSV))
+    parts: list[str | TextTable] = [
+        SCENES_TEXT,
+        scene_table(scenes, reasons=True),
+        FORMULATIONS_TEXT,
+        formulations,
+        written,
+    ]
+    return study.publish([item.failure for item in every], {BLOCK: markdown(parts)})

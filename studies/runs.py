@@ -1,0 +1,193 @@
+"""Runs: once in a temporary folder, or kept in folders of their own, several at a time, and none twice."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from ffsi.cli import show
+from ffsi.files import folder
+from ffsi.files.errors import InputError
+from ffsi.files.history import read_history, seconds_of_run, seconds_of_steps
+from ffsi.freefem import FreeFEMError, FreeFEMNotFound, find_freefem
+from ffsi.freefem.events import OnEvent
+from ffsi.hemodynamics.result import Result, load_result
+from ffsi.result import quantities
+from ffsi.result.in_time import RESUMABLE
+from ffsi.run.one_scene import solve
+from ffsi.scene import Scene, SceneError, load_scene
+from ffsi.script.render import render
+from studies.harness import side_by_side
+
+PLAIN = ("output.pictures=false", "output.vtu=false")
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run."""
+
+    name: str  # of its case, or of its folder
+    data: Mapping[str, Any]  # content of its `result.json`
+    variant: str = ""  # name of the variant of the case; empty for the case itself
+    # Of a kept run one row per step, as of `files.history.read_history`; without rows in a steady one.
+    history: pd.DataFrame = field(default_factory=pd.DataFrame, compare=False, repr=False)
+
+    @property
+    def failure(self) -> str:
+        """Empty, or what went wrong, as `Result.failure`."""
+        return str(self.data.get("failure", ""))
+
+    @property
+    def level(self) -> int:
+        """Mesh level."""
+        return int(self.data["level"])
+
+    @property
+    def quantities(self) -> dict[str, Any]:
+        """Quantities (SI); in time each with mean, amplitude and frequency."""
+        return dict(self.data.get("quantities") or {})
+
+    @property
+    def timings(self) -> dict[str, float]:
+        """Seconds by phase."""
+        return dict(self.data.get("timings") or {})
+
+    @property
+    def in_time(self) -> Mapping[str, Any]:
+        """How far it came, and whether it is periodic (docs/formats.md)."""
+        return dict(self.data.get("time") or {})
+
+    @property
+    def check_maximum(self) -> float:
+        """Largest number of the reference checker (relative residuals and differences); NaN if it did not run."""
+        return quantities.check_maximum(self.data)
+
+    def value(self, quantity: str) -> float:
+        """Return a quantity (SI); NaN if a failed or other run does not have it."""
+        return math.nan if self.failure else self.quantities.get(quantity, math.nan)
+
+    @property
+    def seconds(self) -> float:
+        """Processor time of the script, those before a resume included, s."""
+        in_time = "time" in self.history
+        return seconds_of_run(self.history) if in_time else float(self.timings.get("script", math.nan))
+
+    @property
+    def steps(self) -> dict[str, Any]:
+        """What the steps took: their number, seconds, and per step (means) seconds, iterations and rebuilds."""
+        count, newton = len(self.history), self.data.get("newton") or {}
+        iterations, rebuilds = (
+            newton[name] / count if count and newton.get(name) is not None else math.nan
+            for name in ("iterations", "factorizations")
+        )
+        return {
+            "steps": count,
+            "seconds": self.seconds,
+            "seconds_per_step": float(seconds_of_steps(self.history).mean()),
+            "iterations_per_step": iterations,
+            "rebuilds_per_100_steps": 100 * rebuilds,
+            "check_maximum": self.check_maximum,
+        }
+
+
+def multiples(size: float, count: int) -> tuple[float, ...]:
+    """Return size, 2 size, ..., count size, without rounding errors."""
+    return tuple(round(k * size, 10) for k in range(1, count + 1))
+
+
+def history_of(directory: Path) -> pd.DataFrame:
+    """Return one row per step, as of `files.history.read_history`; no rows if there is no step."""
+    try:
+        return read_history(directory)
+    except InputError:
+        return pd.DataFrame({"time": [], "seconds": []})
+
+
+def solved(
+    label: str, scene: Scene, case: str, variant: str = "", more: Callable[[Result], Mapping[str, Any]] | None = None
+) -> Run:
+    """Solve and check a scene with one thread in a temporary folder; a solved one has `more` in its data.
+
+    One that fails is told; that of a process that died has the failure `crash`.
+    """
+    try:
+        with show.progress(label) as on_event:
+            result = solve(scene, on_event=on_event, threads=1)
+        data = {**result.data, **(more(result) if more and result.solved else {})}
+    except FreeFEMNotFound:
+        raise
+    except FreeFEMError as error:
+        data = {"case": scene.name, "status": "failed", "failure": "crash", "reason": str(error)}
+    if data.get("failure"):
+        show.error(f"{label}: {data['reason']}")
+    return Run(case, data | {"level": scene.mesh.level}, variant)
+
+
+def run_all(scenes: Mapping[str, Scene], runs: Path, jobs: int = 1, label: str = "") -> list[Run]:
+    """Run scenes, by the names of their folders in `runs`, `jobs` at a time, or what is missing of them.
+
+    A finished run is read; one that was stopped or killed goes on. One that failed or died is among those returned.
+    """
+    if jobs > 1:
+        tasks = {name: partial(run_one, name, scene, runs / name) for name, scene in scenes.items()}
+        return list(side_by_side(tasks, jobs, label).values())
+    found = []
+    for name, scene in scenes.items():
+        with show.progress(name) as on_event:
+            found.append(run_one(name, scene, runs / name, on_event))
+    return found
+
+
+def run_one(name: str, scene: Scene, directory: Path, on_event: OnEvent | None = None) -> Run:
+    """Run a scene in its folder, or what is missing of it, with one thread."""
+    state = _state(scene, directory)
+    if state != "finished":
+        try:
+            solve(scene, directory, on_event=on_event, threads=1, resume=state == "begun")
+        except FreeFEMNotFound:
+            raise
+        except FreeFEMError:  # the result says so
+            pass
+    data = load_result(directory).data
+    run = Run(name, data, history=pd.DataFrame() if scene.time is None else history_of(directory))
+    if run.failure:
+        show.error(f"{name}: {data.get('reason')}; what there is lies in {directory}")
+    elif state == "finished":
+        show.note(f"{name}: finished before, in {directory}{_other_script(scene, directory)}")
+    elif scene.time is None:
+        show.note(f"{name}: {run.seconds:.1f} s")
+    else:
+        show.note(f"{name}: {len(run.history)} steps to t = {run.in_time.get('reached'):g} s, {run.seconds:.0f} s")
+    return run
+
+
+def _state(scene: Scene, directory: Path) -> str:
+    """Return `new`, `begun` or `finished`; what another script than the present one has begun or failed is `new`."""
+    if not folder.is_run_folder(directory):
+        return "new"
+    try:
+        if load_scene(str(directory / folder.SCENE), []) != scene:
+            return "new"
+    except SceneError:  # of a program with other keys
+        return "new"
+    result = directory / folder.RESULT
+    failure = folder.read_json(result).get("failure") if result.is_file() else RESUMABLE[0]
+    if failure and _other_script(scene, directory):
+        return "new"
+    if failure in RESUMABLE:
+        return "begun" if scene.time is not None else "new"
+    return "finished"
+
+
+def _other_script(scene: Scene, directory: Path) -> str:
+    """Return a remark if the folder's script is not the one that the scene has now."""
+    script = directory / folder.SCRIPT
+    if script.is_file() and script.read_text(encoding="utf-8") == render(scene, mumps=find_freefem().has_mumps):
+        return ""
+    return ", by another script than that of today; remove the folder to run it again"

@@ -1,0 +1,461 @@
+"""`verify --unsteady`: cases in time beside published values; `verify --long`: whether large oscillations stay."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ffsi.report.curves import LINES, MARKERS
+from ffsi.report.history import time_history
+from ffsi.result.in_time import last_period
+from ffsi.result.oscillation import BLOCK as PERIODS
+from ffsi.result.oscillation import Oscillation, blocks, reference_column
+from ffsi.result.pictures import FAINT, INK, to_small_png
+from ffsi.result.published import references
+from ffsi.scene import CASES, Scene, load_scene
+from studies.harness import Study
+from studies.pictures import dress, over_seconds
+from studies.runs import PLAIN, Run, run_all
+from studies.tables import Column, TextTable, bounded, columns, markdown, table
+
+BLOCK = "verification-unsteady"
+CSV, MARKDOWN, PICTURE = (f"{BLOCK}.{ending}" for ending in ("csv", "md", "png"))
+RUNS = Path("runs/verify")
+LARGEST = 40_000
+"""Unknowns, at most, of the meshes that the bounds are meant for."""
+SHOWN_PERIODS = 2.5
+SIGNALS = {"tip_uy": "$u_y$ of the tip (m)", "lift": "lift (N/m)"}
+COSTS_TEXT = (
+    "t: where the run ended, with `!` if that was not where it should end. Seconds: processor time of the script, one "
+    "thread; seconds and iterations per step, new factors (rebuilds) in 100 steps. Check: the largest relative "
+    "residual or difference that the independent checker finds at the last step."
+)
+EXPLANATION = (
+    "Errors are (value - published) / |published|, of mean (max + min)/2, amplitude (max - min)/2 and frequency over "
+    "the last period; `!` marks what is above its bound. The bounds are meant for meshes of at most "
+    f"{LARGEST} unknowns; the first row of each table has the mesh and the time step of the catalogue and must meet "
+    "them. " + COSTS_TEXT
+)
+
+
+@dataclass(frozen=True)
+class Compared:
+    """A number of a periodic quantity, beside its published value."""
+
+    quantity: str  # as in `result.json`
+    part: str  # `mean`, `amplitude`, `frequency`, `maximum` or `peak-to-peak`, all over the last period
+    bound: float  # largest accepted relative error, dimensionless
+    title: str  # heading of its column
+
+    @property
+    def name(self) -> str:
+        """Name of its columns in the CSV."""
+        return f"{self.quantity}_{self.part.replace('-', '_')}"
+
+    def value(self, quantities: Mapping[str, Any]) -> float:
+        """Return the number from the quantities of a run (SI); NaN if the run has no period."""
+        parts = quantities.get(self.quantity)
+        return self._of(parts) if isinstance(parts, Mapping) else math.nan
+
+    def published(self, case: str) -> float:
+        """Return the published number, SI; KeyError: there is none."""
+        return self._of(vars(references(case)[self.quantity]))
+
+    def error(self, case: str, quantities: Mapping[str, Any]) -> float:
+        """Return (value - published) / |published|; NaN if the run has no period."""
+        published = self.published(case)
+        return (self.value(quantities) - published) / abs(published)
+
+    def _of(self, parts: Mapping[str, Any]) -> float:
+        mean, amplitude, frequency = (
+            math.nan if parts.get(name) is None else float(parts[name]) for name in ("mean", "amplitude", "frequency")
+        )
+        sums = {"maximum": mean + amplitude, "peak-to-peak": 2 * amplitude}
+        return {"mean": mean, "amplitude": amplitude, "frequency": frequency, **sums}[self.part]
+
+
+@dataclass(frozen=True)
+class PeriodicCase:
+    """A case of the catalogue that is run until it is periodic, on several meshes and with several time steps."""
+
+    name: str  # of the case
+    compared: tuple[Compared, ...]  # what is compared
+    coarser: tuple[int, ...] = (0, 1)  # the meshes, as levels below the catalogue's
+    parts: tuple[float, ...] = (1.0, 2.0)  # the time steps, as parts of the catalogue's
+
+    @property
+    def plans(self) -> list[Plan]:
+        """Every mesh with every time step, those of the catalogue first."""
+        scene = CASES[self.name]
+        assert scene.time is not None
+        levels = [scene.mesh.level - down for down in self.coarser if scene.mesh.level >= down]
+        return [Plan(self, level, scene.time.step * part) for level in levels for part in self.parts]
+
+
+@dataclass(frozen=True)
+class Plan:
+    """One run: mesh level and time step (s)."""
+
+    case: PeriodicCase
+    level: int
+    step: float
+
+    @property
+    def name(self) -> str:
+        """Name in notes, and of the run folder."""
+        return f"{self.case.name}-level-{self.level}-step-{self.step:g}"
+
+    @property
+    def scene(self) -> Scene:
+        """What is solved."""
+        return load_scene(self.case.name, [f"mesh.level={self.level}", f"time.step={self.step!r}", *PLAIN])
+
+    @property
+    def is_default(self) -> bool:
+        """Whether mesh and time step are those of the catalogue."""
+        scene = CASES[self.case.name]
+        return scene.time is not None and (self.level, self.step) == (scene.mesh.level, scene.time.step)
+
+
+def _beam(ux: float, uy: float, drag: float, lift: float, frequency: float) -> tuple[Compared, ...]:
+    """Return what is compared of a beam in a flow: bounds of the amplitudes, of the drag that of the mean."""
+    return (
+        Compared("tip_uy", "amplitude", uy, "u_y amplitude"),
+        Compared("tip_ux", "amplitude", ux, "u_x amplitude"),
+        Compared("drag", "mean", drag, "drag mean"),
+        Compared("lift", "amplitude", lift, "lift amplitude"),
+        Compared("tip_uy", "frequency", frequency, "frequency"),
+    )
+
+
+_CFD3 = (
+    Compared("drag", "mean", 0.5e-2, "drag mean"),
+    Compared("drag", "amplitude", 3e-2, "drag amplitude"),
+    Compared("lift", "amplitude", 1.5e-2, "lift amplitude"),
+    Compared("lift", "frequency", 1e-2, "frequency"),
+)
+_CSM3 = [Compared(f"tip_u{axis}", part, 1.5e-2, f"u_{axis} {part}") for axis in "xy" for part in ("mean", "amplitude")]
+_CYLINDER = (
+    Compared("drag_coefficient", "maximum", 0.5e-2, "drag maximum"),
+    Compared("lift_coefficient", "peak-to-peak", 1e-2, "lift peak to peak"),
+    # f D/U: its relative error is that of the frequency.
+    Compared("lift_coefficient", "frequency", 0.7e-2, "Strouhal number"),
+)
+PERIODIC_CASES = (
+    PeriodicCase("turek-cfd3", _CFD3),
+    PeriodicCase("turek-csm3", (*_CSM3, Compared("tip_uy", "frequency", 0.5e-2, "frequency"))),
+    PeriodicCase("turek-fsi2", _beam(ux=4e-2, uy=2e-2, drag=1.5e-2, lift=5e-2, frequency=1.5e-2)),
+    PeriodicCase("turek-fsi3", _beam(ux=6e-2, uy=3e-2, drag=1e-2, lift=8e-2, frequency=1.5e-2)),
+    PeriodicCase("cylinder-2d2", _CYLINDER),
+)
+
+
+def line(plan: Plan, run: Run) -> dict[str, Any]:
+    """Return the line of the CSV: sizes, steps, costs, and of each compared number value, reference, error, bound."""
+    found: dict[str, Any] = {
+        "case": plan.case.name,
+        "level": plan.level,
+        "step": plan.step,
+        "status": run.data.get("status"),
+        "periodic": bool(run.in_time.get("periodic")),
+        "reached": run.in_time.get("reached"),
+        "unknowns": run.data.get("unknowns"),
+        "triangles": run.data.get("triangles"),
+        **run.steps,
+    }
+    quantities = {} if run.failure else run.quantities
+    for part in plan.case.compared:
+        found |= {
+            part.name: part.value(quantities),
+            f"{part.name}_reference": part.published(plan.case.name),
+            f"{part.name}_error": part.error(plan.case.name, quantities),
+            f"{part.name}_bound": part.bound,
+        }
+    return found
+
+
+def costs(run: Run, step: float, complete: bool, largest: float = math.inf) -> dict[str, Any]:
+    """Return what `COSTS` show of a run with a time `step` in s.
+
+    `!` marks another end than it should have (not `complete`), and more unknowns than `largest`.
+    """
+    unknowns = run.data.get("unknowns")
+    return run.steps | {
+        "step": step,
+        "unknowns": f"{unknowns} !" if unknowns is not None and unknowns > largest else unknowns,
+        "reached": Column("", "reached", "{:.2f}").cell(run.in_time) + ("" if complete else " !"),
+        **({"seconds": f"failed ({run.failure})"} if run.failure else {}),
+    }
+
+
+COSTS = columns(
+    "unknowns | dt s = step :g | t s = reached | steps | seconds :.0f | per step = seconds_per_step :.3f | "
+    "iterations = iterations_per_step :.1f | rebuilds = rebuilds_per_100_steps :.1f"
+)
+CHECK = Column("check", "check_maximum", "{:.0e}")
+Outcomes = Sequence[tuple[Plan, Run]]
+
+
+def case_table(case: PeriodicCase, outcomes: Outcomes) -> TextTable:
+    """Return one row per run of a case, with the errors; `!` marks what is above its bound, or is not there."""
+    rows = []
+    for plan, run in outcomes:
+        complete = bool(run.failure or run.in_time.get("periodic"))
+        row = {"level": plan.level} | costs(run, plan.step, complete, LARGEST if plan.is_default else math.inf)
+        errors = {part.name: part.error(case.name, run.quantities) for part in case.compared if not run.failure}
+        rows.append(row | errors)
+    compared = [bounded(part.title, part.name, part.bound) for part in case.compared]
+    return table(rows, [Column("level", "level"), *COSTS, *compared, CHECK], title=case.name)
+
+
+def main(
+    *,
+    jobs: int = 1,
+    out: Path | None = None,
+    readme: Path | None = None,
+    runs: Path = RUNS,
+    cases: Sequence[PeriodicCase] = PERIODIC_CASES,
+) -> list[str]:
+    """Run every case until it is periodic, print errors and costs, and write them down. A second call goes on."""
+    study = Study("verify --unsteady", out, readme, [BLOCK])
+    plans = [plan for case in cases for plan in case.plans]
+    done = run_all({plan.name: plan.scene for plan in plans}, runs, jobs, study.command)
+    outcomes = list(zip(plans, done, strict=True))
+    tables = [case_table(case, _of(case, outcomes)) for case in cases]
+    for item in tables:
+        item.print()
+    written = study.written(run.data for run in done)
+    shown = markdown(part for item in tables for part in (f"`{item.title}`", item))
+    title = "Last periods, and errors over seconds"
+    parts = ["# Verification of the cases in time", written, EXPLANATION, shown, f"![{title}]({PICTURE})"]
+    study.write({
+        CSV: lambda: to_frame(outcomes),
+        MARKDOWN: lambda: markdown(parts) + "\n",
+        PICTURE: lambda: to_small_png(draw(cases, outcomes)),
+    })  # fmt: skip
+    text = f"{shown}\n\n{written} {EXPLANATION}{study.links(title, [PICTURE])}"
+    return study.publish([run.failure for run in done], {BLOCK: text})
+
+
+def _of(case: PeriodicCase, outcomes: Outcomes) -> Outcomes:
+    return [(plan, run) for plan, run in outcomes if plan.case == case]
+
+
+def to_frame(outcomes: Outcomes) -> pd.DataFrame:
+    """Return one row per run, as of `line`."""
+    return pd.DataFrame([line(*item) for item in outcomes]).astype({"unknowns": "Int64", "triangles": "Int64"})
+
+
+def draw(cases: Sequence[PeriodicCase], outcomes: Outcomes) -> Figure:
+    """Draw, for each case, the last periods of u_y or the lift, and |error| over the seconds of the script."""
+    figure = Figure(figsize=(13, 3.6 * len(cases)), layout="constrained", facecolor="white")
+    grid = figure.subplots(len(cases), 2, squeeze=False)
+    for (left, right), case in zip(grid, cases, strict=True):
+        _signals(left, case, _of(case, outcomes))
+        _errors(right, case, [(plan, run) for plan, run in _of(case, outcomes) if not run.failure])
+        for axes in (left, right):
+            dress(axes)
+            if axes.get_legend_handles_labels()[0]:
+                axes.legend(frameon=False, fontsize=8, labelcolor=INK, loc="center left", bbox_to_anchor=(1.0, 0.5))
+    return figure
+
+
+def _signals(axes: Axes, case: PeriodicCase, outcomes: Outcomes) -> None:
+    """Draw the last periods of every run, counted back from the end of its last one; dashed: what was published."""
+    axes.set_title(case.name, loc="left", fontsize=11, color=INK)
+    axes.set_xlabel("periods before the last upward crossing of the mean", color=INK)
+    for i, (plan, run) in enumerate(outcomes):
+        history, name, period = run.history, reference_column(run.history), last_period(run.history)
+        if name is None or period is None:
+            continue
+        periods = (history["time"] - period.end) / (period.end - period.start)
+        part = (periods >= -SHOWN_PERIODS) & (periods <= 0.5)
+        style: dict[str, Any] = {
+            "linewidth": 1.3,
+            "color": LINES[i % len(LINES)],
+            "linestyle": ("-", "--", "-.", ":")[i % 4],
+        }
+        axes.plot(periods[part], history[name][part], label=f"level {plan.level}, dt {plan.step:g} s", **style)
+        axes.set_ylabel(SIGNALS[name], color=INK)
+    published = references(case.name).get("tip_uy" if "tip_uy" in references(case.name) else "lift")
+    if published is not None and published.mean is not None and published.amplitude is not None:
+        for sign in (-1, 1):
+            axes.axhline(published.mean + sign * published.amplitude, color=FAINT, linewidth=0.9, linestyle=":")
+    axes.ticklabel_format(axis="y", scilimits=(-3, 5), useMathText=True)
+
+
+def _errors(axes: Axes, case: PeriodicCase, outcomes: Outcomes) -> None:
+    """Draw the size of each error; filled: the catalogue's time step; lines join meshes with the same time step."""
+    axes.set_title("filled: the catalogue's time step; open: others", loc="left", fontsize=9, color=FAINT)
+    axes.set_ylabel("relative error (%)", color=INK)
+    for i, part in enumerate(case.compared):
+        colour = LINES[i % len(LINES)]
+        for j, step in enumerate(dict.fromkeys(plan.step for plan, _ in outcomes)):
+            found = [
+                (run.seconds, part.error(case.name, run.quantities)) for plan, run in outcomes if plan.step == step
+            ]
+            points = [(seconds, 100 * abs(error)) for seconds, error in found if math.isfinite(error)]
+            style: dict[str, Any] = {
+                "color": colour,
+                "markerfacecolor": "white" if j else colour,
+                "label": "_" if j else part.title,
+            }
+            if points:
+                marker = MARKERS[i % len(MARKERS)]
+                axes.plot(*zip(*points, strict=True), marker=marker, linewidth=1.0, markersize=5, **style)
+    over_seconds(axes)
+    if axes.lines:
+        axes.yaxis.set_major_formatter("{x:g}")
+
+
+# Long runs ------------------------------------------------------------------------------------------------------------
+
+LONG_CSV, LONG_MARKDOWN = "long.csv", "long.md"
+SIGNAL = "tip_uy"
+BOUND = 1e-2
+"""Largest accepted change of the amplitude from the last but one block to the last."""
+LONG_TEXT = (
+    f"Blocks of {PERIODS} periods of the tip's u_y each, from half of the final amplitude on: the amplitude is "
+    f"(max - min)/2 of a block. The change between the last two blocks must be below {100 * BOUND:g} %; `!` marks what "
+    "is not. min J: the smallest J = det F of fluid mesh and beam in a block. " + COSTS_TEXT
+)
+
+
+@dataclass(frozen=True)
+class LongCase:
+    """A case of the catalogue that is run to a time in s, with the catalogue's mesh and time step."""
+
+    name: str
+    end: float
+
+    @property
+    def picture(self) -> str:
+        """Name of the picture: `long-fsi2.png`."""
+        return f"long-{self.name.removeprefix('turek-')}.png"
+
+    @property
+    def scene(self) -> Scene:
+        """What is solved."""
+        return load_scene(self.name, [f"time.end={self.end!r}", "time.stop=end", *PLAIN])
+
+
+LONG_CASES = (LongCase("turek-fsi2", 35.0), LongCase("turek-fsi3", 20.0))
+
+
+@dataclass(frozen=True)
+class LongRun:
+    """What became of a long run."""
+
+    case: LongCase
+    run: Run
+
+    @property
+    def complete(self) -> bool:
+        """Whether it came to its end."""
+        return not self.run.failure and float(self.run.in_time.get("reached", 0.0)) >= self.case.end * (1 - 1e-9)
+
+    @cached_property
+    def blocks(self) -> list[Oscillation]:
+        """The successive blocks of two periods."""
+        history = self.run.history
+        try:
+            return blocks(history["time"], history[SIGNAL]) if len(history) else []
+        except ValueError:  # a value is not finite
+            return []
+
+    @property
+    def lines(self) -> list[dict[str, Any]]:
+        """Of each block start, end, frequency, mean and amplitude, its change relative to its own, and smallest J."""
+        if not self.blocks:
+            return []
+        times, values = (self.run.history[name].to_numpy(dtype=np.float64) for name in ("time", "min_jacobian"))
+        before = [math.nan, *(block.amplitude for block in self.blocks)]
+        return [
+            {
+                "block": count,
+                **{name: getattr(block, name) for name in ("start", "end", "frequency", "mean", "amplitude")},
+                "change": (block.amplitude - last) / block.amplitude,
+                "min_jacobian": float(values[(times >= block.start) & (times <= block.end)].min()),
+            }
+            for count, (last, block) in enumerate(zip(before, self.blocks, strict=False), start=1)
+        ]
+
+
+def summary_table(runs: Sequence[LongRun]) -> TextTable:
+    """Return one row per run: costs, amplitude and J of the last block, and the last change with its bound."""
+    rows = []
+    for item in runs:
+        time, lines = CASES[item.case.name].time, item.lines
+        assert time is not None
+        row = {"case": item.case.name, "blocks": len(lines)} | costs(item.run, time.step, item.complete)
+        row |= {"amplitude": lines[-1]["amplitude"] if lines else None, "change": math.nan}
+        if lines:
+            least = [block["min_jacobian"] for block in lines]
+            row |= {"change": lines[-1]["change"], "first": least[0], "last": least[-1], "least": min(least)}
+        rows.append(row)
+    last = columns("blocks | u_y amplitude m = amplitude :.5f"), bounded("last change", "change", BOUND)
+    least = columns("min J first = first :.4f | last :.4f | least :.4f")
+    return table(rows, [Column("case", "case"), *COSTS, *last[0], last[1], *least, CHECK])
+
+
+BLOCK_COLUMNS = columns(
+    "block | from t in s = start :.3f | to t in s = end :.3f | frequency in Hz = frequency :.4f | "
+    "mean in m = mean :.6f | amplitude in m = amplitude :.6f | change :% | min J = min_jacobian :.4f"
+)
+
+
+def long_frame(runs: Iterable[LongRun]) -> pd.DataFrame:
+    """Return one row per block of every run; a run without blocks has one row."""
+    rows: list[dict[str, Any]] = []
+    for item in runs:
+        run = item.run
+        common = {"case": item.case.name, "level": run.level, "unknowns": run.data.get("unknowns")}
+        common |= {"complete": item.complete, "reached": run.in_time.get("reached"), "check_maximum": run.check_maximum}
+        rows += [common | block for block in item.lines] or [common]
+    return pd.DataFrame(rows)
+
+
+def main_long(
+    *,
+    jobs: int = 1,
+    out: Path | None = None,
+    readme: Path | None = None,
+    runs: Path = RUNS,
+    cases: Sequence[LongCase] = LONG_CASES,
+) -> list[str]:
+    """Run the long cases, print amplitudes and J of their blocks, and write them down. A second call goes on."""
+    study = Study("verify --long", out, readme, ["long"])
+    done = run_all({f"{case.name}-long": case.scene for case in cases}, runs, jobs, study.command)
+    found = [LongRun(case, run) for case, run in zip(cases, done, strict=True)]
+    summary = summary_table(found)
+    summary.print()
+    written = study.written(run.data for run in done)
+    drawn = {item.case.picture: figure for item in found if (figure := _draw(item)) is not None}
+    parts: list[str | TextTable] = ["# Long runs", written, LONG_TEXT, summary]
+    for item in found:
+        parts += [f"## {item.case.name}", f"![{item.case.name} over time]({item.case.picture})"]
+        parts.append(table(item.lines, BLOCK_COLUMNS, title=item.case.name))
+    study.write({
+        LONG_CSV: lambda: long_frame(found),
+        LONG_MARKDOWN: lambda: markdown(parts) + "\n",
+        **{name: partial(to_small_png, figure) for name, figure in drawn.items()},
+    })  # fmt: skip
+    files = study.links("More", [LONG_MARKDOWN, *(case.picture for case in cases)])
+    return study.publish(
+        [run.failure for run in done], {"long": f"{summary.markdown()}\n\n{written} {LONG_TEXT}{files}"}
+    )
+
+
+def _draw(item: LongRun) -> Figure | None:
+    last = item.blocks[-1] if item.blocks else None
+    period = (last.end - (last.end - last.start) / PERIODS, last.end) if last else None
+    return time_history(item.run.history, period)

@@ -1,0 +1,412 @@
+"""`verify`: steady cases beside known values, on several meshes; from mesh to mesh where nobody published any."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from ffsi.cli import show
+from ffsi.scene import CASES, load_scene
+from studies.harness import Study
+from studies.runs import Run, solved
+from studies.tables import Column, TextTable, columns, markdown, number, percent, table, unsigned
+from studies.verification.sources import COLUMNS, compared, reference_sets
+
+CSV, MARKDOWN = "verification.csv", "verification.md"
+EXPLANATION = (
+    "Errors are (value - reference) / |reference|. Seconds: all that `ffsi run` does, with check and pictures. "
+    "Largest check: the largest relative residual or difference that the independent checker finds."
+)
+Parts = list[str | TextTable]
+
+
+@dataclass(frozen=True)
+class Variant:
+    """A catalogue case with other settings."""
+
+    case: str  # name of the case
+    name: str = ""  # short name of the variant; empty for the case itself
+    text: str = ""  # what tables call it
+    settings: tuple[str, ...] = ()  # `KEY=VALUE`, as after `--set`
+    levels: Sequence[int] = range(4)  # mesh levels on which it runs
+    # Pa; two small tractions, whose u_y per load is extrapolated to none and then taken at `load`.
+    loads: tuple[float, ...] = ()
+    load: float = 0.0  # Pa
+
+
+@dataclass(frozen=True)
+class Section:
+    """A part of the verification."""
+
+    block: str  # name of its block in docs/results.md
+    title: str  # heading in `verification.md`; empty for the first section
+    variants: Sequence[Variant]  # what runs
+    full: Callable[[Sequence[Run]], Parts]  # tables and texts of all runs
+    brief: Callable[[Sequence[Run]], Parts]  # what docs/results.md shows of them
+
+
+def measure(variant: Variant, level: int) -> Run:
+    """Run and check a variant on one mesh level, with one thread and in a temporary folder; errors as of `solved`."""
+    if variant.loads:
+        pair = [
+            replace(variant, settings=(*variant.settings, f"traction.y={load!r}"), loads=()) for load in variant.loads
+        ]
+        return extrapolated(variant, *(measure(item, level) for item in pair))
+    scene = load_scene(variant.case, [*variant.settings, f"mesh.level={level}"])
+    label = f"{variant.case} {variant.name} level {level}".replace("  ", " ")
+    return solved(label, scene, variant.case, variant.name)
+
+
+def extrapolated(variant: Variant, small: Run, large: Run) -> Run:
+    """Return u_y of a linear problem: u_y per load of the runs at two small loads, linear in the load.
+
+    The seconds are the sum, the check the worse one; a run that failed is returned as it is.
+    """
+    for run in (small, large):
+        if run.failure:
+            return run
+    first, second = (run.value(TIP) / load for run, load in zip((small, large), variant.loads, strict=True))
+    data = {
+        **large.data,
+        "quantities": {TIP: variant.load * (2 * first - second)},
+        "timings": {name: small.timings.get(name, 0.0) + seconds for name, seconds in large.timings.items()},
+        "check": max((small, large), key=lambda run: run.check_maximum).data.get("check"),
+    }
+    return Run(variant.case, data, variant.name)
+
+
+def by_variant(runs: Iterable[Run]) -> list[list[Run]]:
+    """Return the runs of each case and variant, in the order of their levels."""
+    groups: dict[tuple[str, str], list[Run]] = {}
+    for run in runs:
+        groups.setdefault((run.name, run.variant), []).append(run)
+    return [sorted(group, key=lambda run: run.level) for group in groups.values()]
+
+
+def _row(run: Run) -> dict[str, Any]:
+    """Return what every table has of a run."""
+    return {
+        "case": run.name,
+        "level": run.level,
+        "unknowns": run.data.get("unknowns"),
+        "seconds": f"failed ({run.failure})" if run.failure else run.timings.get("total"),
+        "check": run.check_maximum,
+        **{name: run.value(name) for name in COLUMNS},
+    }
+
+
+SIZES = columns("level | unknowns | seconds :.1f")
+CHECK = Column("largest check", "check", "{:.0e}")
+
+# The catalogue's cases that have published values -------------------------------------------------------------------
+
+FINEST = {"turek-fsi1": 4}  # finest mesh level where it is not 3
+SHORT_LEVEL = 2  # the level of the table in docs/results.md
+CAVITY = "cavity-flexible-floor"
+CAVITY_TITLE = "Channel over a cavity with a flexible floor, beside every published value:"
+
+
+def error_table(runs: Iterable[Run]) -> TextTable:
+    """Return one row per run and source: unknowns, seconds, errors, the checker's largest number."""
+    rows = [
+        _row(run)
+        | {"source": source.source}
+        | {f"error {COLUMNS[name]}": error for name, error in source.errors(run.quantities).items()}
+        for run in runs
+        for source in compared(run.name, run.variant)
+    ]
+    errors = [Column(head, f"error {head}", "%") for head in dict.fromkeys(COLUMNS.values())]
+    return table(rows, [*columns("case | compared with = source"), *SIZES, *errors, CHECK], left=2)
+
+
+def cavity_table(runs: Iterable[Run]) -> TextTable:
+    """Return the values of the cavity's floor: this program by level, then every published mesh."""
+    rows = [
+        {"source": f"this program, level {run.level}, {run.data.get('unknowns')} unknowns", **run.quantities}
+        for run in runs
+        if run.name == CAVITY and not run.failure
+    ]
+    published = sorted(reference_sets(CAVITY), key=lambda item: item.source, reverse=True)
+    rows += [{"source": item.source, **item.values} for item in published]
+    return table(rows, columns("source | u_y(4, -1) in m = tip_uy :.5f | F_y in N/m = lift :.4f"))
+
+
+def short(runs: Sequence[Run]) -> list[Run]:
+    """Return what is shown briefly: every level of the cases in `FINEST`, level 2 (or the finest run) of the others."""
+    chosen = []
+    for own in by_variant(runs):
+        near = [run for run in own if run.level == SHORT_LEVEL] or own[-1:]
+        chosen += own if own[0].name in FINEST else near
+    return chosen
+
+
+def _two_finest(runs: Iterable[Run]) -> list[Run]:
+    return sorted((run for run in runs if run.name == CAVITY), key=lambda run: run.level)[-2:]
+
+
+BENCHMARKS = Section(
+    "verification",
+    "",
+    [Variant(case, levels=range(FINEST.get(case, 3) + 1)) for case in CASES.steady if reference_sets(case)],
+    lambda runs: [error_table(runs), CAVITY_TITLE, cavity_table(runs)],
+    lambda runs: [error_table(short(runs)), CAVITY_TITLE, cavity_table(_two_finest(runs))],
+)
+
+# Cook's membrane ----------------------------------------------------------------------------------------------------
+
+TIP = "tip_uy"
+_SOLID = "solid.membrane"
+_TEXT, _THIRD = "linear elasticity, E 70, ν 1/3, t 6.25", f"{_SOLID}.poisson_ratio={1 / 3!r}"
+_LINEAR = (f"{_SOLID}.young_modulus=70", _THIRD)
+LINEAR = Variant("cook", "linear", _TEXT, _LINEAR, loads=(3.125e-3, 6.25e-3), load=6.25)
+NEO_HOOKEAN = Variant(
+    "cook",
+    "neo-hookean",
+    "neo-Hookean, E 200, ν 0.35, t 4",
+    (f"{_SOLID}.young_modulus=200", f"{_SOLID}.poisson_ratio=0.35", "traction.y=4"),
+)
+_SOFT = 'material = "neo-hookean", density = 1.0, young_modulus = 3.0, formulation = "incompressible"'
+INCOMPRESSIBLE = Variant(
+    "cook",
+    "incompressible",
+    "incompressible neo-Hookean, E 3, t 0.05",
+    (f"{_SOLID}={{{_SOFT}}}", "traction.y=0.05"),
+)
+_NEARLY = (f"{_SOLID}.young_modulus=240.565", f"{_SOLID}.poisson_ratio=0.4999", "traction.y=6.25")
+NEARLY_INCOMPRESSIBLE = Variant(
+    "cook",
+    "nearly-incompressible",
+    "neo-Hookean, E 240.565, ν 0.4999, t 6.25, mixed",
+    (*_NEARLY, f"{_SOLID}.formulation=mixed"),
+)
+# From rest its Newton iterations are many hundreds, all the more on finer meshes: the coarsest one shows the locking.
+DISPLACEMENT = Variant(
+    "cook", f"{NEARLY_INCOMPRESSIBLE.name}-displacement", "the same in displacements only", _NEARLY, (0,)
+)
+MEMBRANES = (LINEAR, NEO_HOOKEAN, INCOMPRESSIBLE, NEARLY_INCOMPRESSIBLE, DISPLACEMENT)
+TEXTS = {variant.name: variant.text for variant in MEMBRANES}
+COOK_TEXT = (
+    "Cook's membrane, u_y(48, 60) in m; E and the traction t in Pa. Linear elasticity: u_y / t at two small loads, "
+    "extrapolated to none."
+)
+REASON = (
+    "ν 0.4999: the published 6.9083 is what bilinear elements give on 50 to 65 elements per side, still rising there; "
+    "quadratic ones, by two solvers, for two energies and for J = 1, meet at 6.934 to 6.936 (studies/data/README.md)."
+)
+
+
+def membrane_table(runs: Iterable[Run]) -> TextTable:
+    """Return one row per run: u_y, its change from the level before, the errors, the checker's largest number."""
+    rows = []
+    for own in by_variant(runs):
+        for before, run in zip([None, *own], own, strict=False):
+            value, sources = run.value(TIP), compared(run.name, run.variant)
+            change = unsigned(value / before.value(TIP) - 1) if before else None
+            errors = ", ".join(f"{source.source} {percent(source.error(TIP, value))}" for source in sources)
+            rows.append(_row(run) | {"text": TEXTS[run.variant], "change": change, "errors": errors})
+    mine = columns(f"u_y = {TIP} :.5g | change | error against = errors")
+    return table(rows, [Column("membrane", "text"), *SIZES, *mine, CHECK])
+
+
+def published_table() -> TextTable:
+    """Return every published value."""
+    rows = [
+        (variant.text, source.source, number(source.values[TIP], "{:.4f}"))
+        for variant in MEMBRANES
+        for source in reference_sets("cook", variant.name)
+        if variant != DISPLACEMENT
+    ]
+    return TextTable(("membrane", "source", "u_y"), rows, left=2)
+
+
+def membrane_levels(runs: Sequence[Run]) -> TextTable:
+    """Return one row per variant: published values, u_y by level, the error on the finest mesh."""
+    levels = sorted({run.level for run in runs})
+    rows = []
+    for own in by_variant(runs):
+        values, sources = {run.level: run.value(TIP) for run in own}, compared("cook", own[0].variant)
+        published = ", ".join(number(source.values[TIP], "{:.5g}") for source in sources)
+        errors = ", ".join(percent(source.error(TIP, own[-1].value(TIP))) for source in sources)
+        cells = [number(values.get(level), "{:.5g}") for level in levels]
+        rows.append((TEXTS[own[0].variant], published, *cells, errors))
+    return TextTable(("membrane", "published", *(f"level {level}" for level in levels), "error, finest mesh"), rows)
+
+
+COOK = Section(
+    "cook",
+    "Cook's membrane",
+    MEMBRANES,
+    lambda runs: [COOK_TEXT, membrane_table(runs), REASON, published_table()],
+    lambda runs: [COOK_TEXT, membrane_levels(runs), REASON],
+)
+
+# The slender cantilever with a dead load at its tip -----------------------------------------------------------------
+
+# P L^2 / (E I), which is traction.y in Pa. Each run starts from rest on its coarsest mesh, where the many steps towards
+# a large load cost least: a sweep over the loads on a fine mesh would take them there.
+LOADS = [Variant("cantilever", f"load-{load}", f"{load}", (f"traction.y={load}",)) for load in (1, 2, 5, 10)]
+ELASTICA_TEXT = (
+    "Cantilever with a dead load P across its tip, length 100 times the thickness (L = 1 m), St. Venant-Kirchhoff, "
+    "beside the elastica (a beam that bends and does nothing else): deflection w and shortening u of the tip."
+)
+
+
+def load_table(runs: Iterable[Run]) -> TextTable:
+    """Return one row per run: deflection and shortening with their errors, the checker's largest number."""
+    rows = []
+    for run in runs:
+        (source,) = reference_sets("cantilever", run.variant)
+        row = _row(run) | {"load": run.variant.removeprefix("load-")}
+        for name, sign in ((TIP, 1), ("tip_ux", -1)):
+            value = run.value(name)
+            found = (sign * value, sign * source.values[name], sign * source.error(name, value))
+            row |= dict(zip((name, f"{name}_exact", f"{name}_error"), found, strict=True))
+        rows.append(row)
+    tip = "{1} = {0} :.6f | elastica = {0}_exact :.6f | error = {0}_error :%"
+    both = [*columns(tip.format(TIP, "w/L")), *columns(tip.format("tip_ux", "u/L"))]
+    return table(rows, [Column("P L² / (E I)", "load"), *SIZES, *both, CHECK])
+
+
+ELASTICA = Section(
+    "elastica",
+    "Cantilever and elastica",
+    LOADS,
+    lambda runs: [ELASTICA_TEXT, load_table(runs)],
+    lambda runs: [ELASTICA_TEXT, load_table(own[-1] for own in by_variant(runs))],
+)
+
+# The paper's flaps, of which nobody published values ----------------------------------------------------------------
+
+VELOCITY = 0.055  # m/s, mean inflow, the last of the paper's sweep
+FLAPS = [
+    Variant(case, f"inflow-{VELOCITY}", case, (f"inflow.mean_velocity={VELOCITY}",), range(5))
+    for case in ("flap-neo-hookean", "flap-mooney-rivlin", "flap-neo-hookean-roof", "flap-mooney-rivlin-roof")
+]
+FLAPS_TEXT = (
+    f"Flaps of the paper at a mean inflow of {VELOCITY} m/s: differences from one mesh level to the next, of the tip's "
+    "displacement (length of the difference over length) and of the drag."
+)
+FLAP_VALUES = columns("u_x in m = tip_ux :.5g | u_y in m = tip_uy :.5g | drag in N/m = drag :.5g")
+
+
+def tip_difference(coarse: Run, fine: Run) -> float:
+    """Return the length of the difference of the tip's displacements over the finer one's; NaN without a value."""
+    first, second = ([run.value(name) for name in ("tip_ux", "tip_uy")] for run in (coarse, fine))
+    return math.dist(first, second) / math.hypot(*second)
+
+
+def drag_difference(coarse: Run, fine: Run) -> float:
+    """Return the size of the relative difference of the drags; NaN without a value."""
+    return abs(coarse.value("drag") / fine.value("drag") - 1)
+
+
+DIFFERENCES = {"tip": tip_difference, "drag": drag_difference}
+
+
+def flap_table(runs: Iterable[Run]) -> TextTable:
+    """Return one row per run: tip, drag, their differences from the level before, the checker's largest number."""
+    rows = [
+        _row(run)
+        | {f"{name}_change": unsigned(of(before, run)) if before else None for name, of in DIFFERENCES.items()}
+        for own in by_variant(runs)
+        for before, run in zip([None, *own], own, strict=False)
+    ]
+    changes = [Column(name, f"{name}_change") for name in DIFFERENCES]
+    return table(rows, [Column("case", "case"), *SIZES, *FLAP_VALUES, *changes, CHECK])
+
+
+def difference_table(runs: Sequence[Run]) -> TextTable:
+    """Return one row per case: the finest values, and all differences between successive levels."""
+    steps = list(pairwise(sorted({run.level for run in runs})))
+    names = [f"{name} {coarse}-{fine}" for name in DIFFERENCES for coarse, fine in steps]
+    rows = [
+        _row(own[-1])
+        | dict(zip(names, (unsigned(of(*pair)) for of in DIFFERENCES.values() for pair in pairwise(own)), strict=True))
+        for own in by_variant(runs)
+    ]
+    return table(rows, [Column("case", "case"), *FLAP_VALUES, *(Column(name, name) for name in names)])
+
+
+FLAP_LEVELS = Section(
+    "flap-levels",
+    "Flaps over the mesh levels",
+    FLAPS,
+    lambda runs: [FLAPS_TEXT, flap_table(runs)],
+    lambda runs: [FLAPS_TEXT, difference_table(runs)],
+)
+
+# All of it ----------------------------------------------------------------------------------------------------------
+
+SECTIONS = (BENCHMARKS, COOK, ELASTICA, FLAP_LEVELS)
+Runs = Sequence[tuple[Section, Sequence[Run]]]
+
+
+def main(*, out: Path | None = None, readme: Path | None = None) -> list[str]:
+    """Run every section, print its tables, and write them down."""
+    text = readme.read_text(encoding="utf-8") if readme and readme.is_file() else ""
+    shown = [section for section in SECTIONS if f"<!-- {section.block}:begin -->" in text]
+    blocks = [BENCHMARKS.block, *(section.block for section in shown)]
+    study = Study("verify", out, readme, blocks)
+    done = []
+    for section in SECTIONS:
+        done.append((section, [measure(item, level) for item in section.variants for level in item.levels]))
+        for part in section.full(done[-1][1]):
+            if isinstance(part, str):
+                show.note(part)
+            else:
+                part.print()
+    runs = [run for _, own in done for run in own]
+    written = study.written(run.data for run in runs)
+    study.write({CSV: lambda: to_frame(runs), MARKDOWN: lambda: document(done, written)})
+    said = f"{written} {EXPLANATION}{study.links('All levels', [MARKDOWN])}"
+    brief: dict[str, str] = {}
+    for section, own in done:
+        if section in shown:  # behind its table the first block says who wrote them
+            first, *rest = section.brief(own)
+            brief[section.block] = markdown([first, *([] if brief else [said]), *rest])
+    return study.publish([run.failure for run in runs], brief)
+
+
+def document(done: Runs, written: str) -> str:
+    """Return `verification.md`: all levels of all sections."""
+    parts: Parts = ["# Verification", written, EXPLANATION]
+    for section, runs in done:
+        parts += [*([f"## {section.title}"] if section.title else []), *section.full(runs)]
+    return markdown(parts) + "\n"
+
+
+def to_frame(runs: Iterable[Run]) -> pd.DataFrame:
+    """Return one row per run: sizes, seconds, Newton, and each quantity with its references and relative errors."""
+    frame = pd.DataFrame([_line(run) for run in runs])
+    parts = ("", "_reference", "_error", "_second_reference", "_second_error")
+    values = [name + part for name in COLUMNS for part in parts]
+    order = [name for name in frame if name not in values] + [name for name in values if name in frame]
+    return frame[order].astype(dict.fromkeys(("unknowns", "triangles", "iterations", "factorizations"), "Int64"))
+
+
+def _line(run: Run) -> dict[str, Any]:
+    newton, sources = run.data.get("newton") or {}, compared(run.name, run.variant)
+    line: dict[str, Any] = {
+        "case": run.name,
+        "variant": run.variant,
+        "level": run.level,
+        **{name: run.data.get(name) for name in ("status", "unknowns", "triangles")},
+        "seconds": run.timings.get("total"),
+        "script_seconds": run.timings.get("script"),
+        **{name: newton.get(name) for name in ("iterations", "factorizations")},
+        "check_maximum": run.check_maximum,
+    }
+    if not sources:
+        return line | {name: value for name, value in run.quantities.items() if name in COLUMNS}
+    for prefix, source in zip(("", "second_"), sources, strict=False):
+        line[f"{prefix}source"] = source.source
+        for name, error in source.errors(run.quantities).items():
+            values = {"": run.quantities[name], f"_{prefix}reference": source.values[name], f"_{prefix}error": error}
+            line |= {name + part: value for part, value in values.items()}
+    return line
