@@ -1,5 +1,9 @@
-"""Runs that several tests share: every scene is solved once per session."""
+"""Runs that several tests share: every scene is solved once per session, by whichever of its processes needs it."""
 
+import fcntl
+import functools
+import hashlib
+import os
 import signal
 from collections.abc import Callable
 from pathlib import Path
@@ -7,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from ffsi.freefem import find_freefem, run_script
-from ffsi.hemodynamics.result import Result
+from ffsi.hemodynamics.result import Result, load_result
 from ffsi.run.one_scene import solve
 from ffsi.scene import Scene, load_scene
 
@@ -30,13 +34,16 @@ def installation():
 @pytest.fixture(scope="session")
 def solved(tmp_path_factory) -> Callable[..., Result]:
     """Solve a case through Python, or return the result of the same call before; nobody may change its folder."""
-    known: dict[tuple[str, ...], Result] = {}
+    base = tmp_path_factory.getbasetemp()
+    shared = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "solved"
+    shared.mkdir(exist_ok=True)
 
+    @functools.cache
     def solved(case: str, *settings: str) -> Result:
-        key = (case, *settings)
-        if key not in known:
-            known[key] = solve(scene_of(case, *settings), tmp_path_factory.mktemp(case))
-        return known[key]
+        run = shared / hashlib.sha256(repr((case, settings)).encode()).hexdigest()[:16]
+        with run.with_suffix(".lock").open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            return load_result(run) if (run / "result.json").is_file() else solve(scene_of(case, *settings), run)
 
     return solved
 

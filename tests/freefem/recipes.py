@@ -38,9 +38,9 @@ def read_places(title: str) -> list[Place]:
 
 
 def copy_program(root: Path) -> Path:
-    """Copy the program to a folder."""
+    """Copy the program to a folder, with what Python has compiled of it."""
     for name in FOLDERS:
-        shutil.copytree(ROOT / name, root / name, ignore=shutil.ignore_patterns("__pycache__"))
+        shutil.copytree(ROOT / name, root / name)
     return root
 
 
@@ -93,25 +93,46 @@ def differing(root: Path) -> tuple[set[str], set[str]]:
     return changed, new
 
 
-def ffsi(root: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    """Call the copy's command line."""
-    code = f"import sys, ffsi.cli.main as m; assert m.__file__.startswith({str(root)!r}); m.main(sys.argv[1:])"
-    environment = os.environ | {"PYTHONPATH": str(root)}
-    command = [sys.executable, "-c", code, *arguments]
-    return subprocess.run(command, cwd=root, env=environment, capture_output=True, text=True, timeout=120)
+CALLS = """
+import json, sys, ffsi.cli.main as module
+assert module.__file__.startswith(sys.argv[1])
+for arguments in json.loads(sys.argv[2]):
+    try:
+        module.main(arguments)
+    except SystemExit as stopped:
+        if stopped.code:
+            raise
+"""
+
+
+def ffsi(root: Path, *calls: list[str]) -> subprocess.CompletedProcess[str]:
+    """Call the copy's command line, once or several times in one process, until one ends with another code than 0."""
+    command = [sys.executable, "-c", CALLS, str(root), json.dumps(calls)]
+    environment, limit = os.environ | {"PYTHONPATH": str(root)}, 120 * len(calls)
+    return subprocess.run(command, cwd=root, env=environment, capture_output=True, text=True, timeout=limit)
+
+
+def call(root: Path, case: str, out: str, *settings: str) -> list[str]:
+    """Return the call that runs a case on the coarsest mesh."""
+    options = [option for setting in ("mesh.level=0", *PLAIN, *settings) for option in ("--set", setting)]
+    return ["run", case, "--out", str(root / out), *options]
 
 
 def attempt(root: Path, case: str, out: str, *settings: str) -> subprocess.CompletedProcess[str]:
-    """Run a case with the copy on the coarsest mesh."""
-    options = [option for setting in ("mesh.level=0", *PLAIN, *settings) for option in ("--set", setting)]
-    return ffsi(root, "run", case, "--out", str(root / out), *options)
+    """Run a case so."""
+    return ffsi(root, call(root, case, out, *settings))
+
+
+def run_all(root: Path, runs: dict[str, list[str]]) -> dict[str, Path]:
+    """Solve cases, each with its settings, with the copy and return the folders; all must be solved and checked."""
+    done = ffsi(root, *(call(root, case, out, *settings) for out, (case, *settings) in runs.items()))
+    assert done.returncode == 0, done.stdout + done.stderr
+    return {out: root / out for out in runs}
 
 
 def run(root: Path, case: str, out: str, *settings: str) -> Path:
-    """Solve a case with the copy and return the run folder; it must be solved and checked."""
-    done = attempt(root, case, out, *settings)
-    assert done.returncode == 0, done.stdout + done.stderr
-    return root / out
+    """Solve one case likewise."""
+    return run_all(root, {out: [case, *settings]})[out]
 
 
 def result_of(folder: Path) -> dict:

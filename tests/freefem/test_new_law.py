@@ -3,8 +3,8 @@
 from pathlib import Path
 
 import pytest
-from recipes import append, copy_program, differing, enter, ffsi, insert, join_union, read_places, result_of
-from test_new_material import run
+from recipes import append, copy_program, differing, enter, ffsi, insert, join_union, read_places, result_of, run_all
+from test_materials import FRESH
 
 from ffsi.scene import SceneError, load_scene
 
@@ -38,21 +38,26 @@ def sisko(consistency: float, exponent: float, infinity: float) -> str:
     return f'fluid={{law="sisko", density=1000, {constants}}}'
 
 
-def test_the_new_law_is_solved_and_checked(copy):
-    folder = run(copy, CASE, "sisko", sisko(1.0, 0.6, 0.5))
-    result_of(folder)
-    assert 'law = "sisko"' in (folder / "scene.toml").read_text()
+@pytest.fixture(scope="module")
+def runs(copy) -> dict[str, Path]:
+    law, steps = sisko(1.0, 0.6, 0.5), ["time.step=0.01", "time.end=0.03", "inflow.ramp=0.1"]
+    settings = {"sisko": [law], "time": [law, *steps], "newtonian": [sisko(0.4, 1.0, 0.6)]}
+    return run_all(copy, {out: [CASE, *FRESH, *each] for out, each in settings.items()})
+
+
+def test_the_new_law_is_solved_and_checked(runs):
+    result_of(runs["sisko"])
+    assert 'law = "sisko"' in (runs["sisko"] / "scene.toml").read_text()
     with pytest.raises(SceneError, match="sisko"):
-        load_scene(folder / "scene.toml")
+        load_scene(runs["sisko"] / "scene.toml")
 
 
-def test_in_time(copy):
-    steps = ["time.step=0.01", "time.end=0.03", "inflow.ramp=0.1"]
-    result_of(run(copy, CASE, "time", sisko(1.0, 0.6, 0.5), *steps))
+def test_in_time(runs):
+    result_of(runs["time"])
 
 
-def test_with_exponent_one_it_is_newtonian(copy, solved):
-    found = result_of(run(copy, CASE, "newtonian", sisko(0.4, 1.0, 0.6)))["quantities"]
+def test_with_exponent_one_it_is_newtonian(runs, solved):
+    found = result_of(runs["newtonian"])["quantities"]
     plain = solved(CASE).quantities
     # But for the outlet's condition, far behind the body, both have the same viscosity everywhere.
     for name in ("drag", "drag_surface", "tip_uy"):
@@ -61,11 +66,11 @@ def test_with_exponent_one_it_is_newtonian(copy, solved):
 
 
 def test_its_constants_are_checked(copy):
-    done = ffsi(copy, "run", CASE, "--set", "fluid.law=sisko", "--out", str(copy / "bad"))
+    done = ffsi(copy, ["run", CASE, "--set", "fluid.law=sisko", "--out", str(copy / "bad")])
     assert done.returncode == 2
     assert "fluid.consistency: missing; consistency c, Pa s^m" in done.stderr
     assert not (copy / "bad").exists()
 
 
-def test_nothing_else_was_touched(copy):
+def test_nothing_else_was_touched(copy, runs):
     assert differing(copy) == ({SCENE, LAW, ENTRY}, {PATH})

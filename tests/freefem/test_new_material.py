@@ -10,8 +10,7 @@ import meshio
 import numpy as np
 import pandas as pd
 import pytest
-import recipes
-from recipes import ROOT, append, copy_program, differing, enter, insert, join_union, read_places
+from recipes import ROOT, append, copy_program, differing, enter, insert, join_union, read_places, run_all
 from test_materials import FRESH, assert_quadratic
 
 from ffsi.files.arrays import RawState, read_mesh, read_state
@@ -67,11 +66,6 @@ def with_material(root: Path, pieces: Pieces) -> Path:
     return root
 
 
-def run(root: Path, case: str, out: str, *settings: str) -> Path:
-    """Solve a case with the copy, from rest with fresh factors in every iteration; return the run folder."""
-    return recipes.run(root, case, out, *FRESH, *settings)
-
-
 def constants(solid: str, **values: float) -> list[str]:
     return [f"solid.{solid}.{name}={value}" for name, value in values.items()]
 
@@ -97,8 +91,21 @@ YEOH_FLAP = [*FLAP, f"solid.flap.material={PIECES.material}"]
 
 
 @pytest.fixture(scope="module")
-def flap(copy) -> Path:
-    return run(copy, "flap-mooney-rivlin", "flap", *YEOH_FLAP, *constants("flap", **CONSTANTS))
+def runs(copy) -> dict[str, Path]:
+    """Runs from rest with fresh factors in every iteration."""
+    flap = ["flap-mooney-rivlin", *FRESH, *YEOH_FLAP]
+    settings = {
+        "flap": [*flap, *constants("flap", **CONSTANTS)],
+        "flap-c1": [*flap, *constants("flap", c1=1, c2=0, c3=0)],
+        "aneurysm": ["aneurysm", *FRESH, *walls(PIECES.material, c1=3e4, c2=1e5, c3=1e5), "output.vtu=true"],
+        "aneurysm-c1": ["aneurysm", *FRESH, *walls(PIECES.material, c1=3e4, c2=0, c3=0)],
+    }
+    return run_all(copy, settings)
+
+
+@pytest.fixture(scope="module")
+def flap(runs) -> Path:
+    return runs["flap"]
 
 
 def test_the_stress_is_the_derivative_of_the_energy():
@@ -129,11 +136,10 @@ def test_newton_converges_quadratically(flap):
     assert_quadratic(history)
 
 
-def test_without_its_own_constants_it_is_mooney_rivlin_without_the_second(copy, flap, solved):
-    folder = run(copy, "flap-mooney-rivlin", "flap-c1", *YEOH_FLAP, *constants("flap", c1=1, c2=0, c3=0))
+def test_without_its_own_constants_it_is_mooney_rivlin_without_the_second(runs, flap, solved):
     mooney = solved("flap-mooney-rivlin", *FRESH, *FLAP, *constants("flap", c10=1, c01=0))
     assert mooney.converged
-    assert_same(state_of(folder), state_of(mooney.directory))
+    assert_same(state_of(runs["flap-c1"]), state_of(mooney.directory))
     tip = json.loads((flap / "result.json").read_text())["quantities"]["tip_ux"]
     assert abs(tip / mooney.quantities["tip_ux"] - 1) > 0.01, "the other constants shall matter"
 
@@ -144,14 +150,13 @@ def walls(material: str, **values: float) -> list[str]:
     return [f"solid.vessel={solid}", f"solid.dome={solid}"]
 
 
-def test_in_an_aneurysm_it_has_its_effective_stress(copy, solved):
+def test_in_an_aneurysm_it_has_its_effective_stress(runs, solved):
     """Of the checker's law, across the plane too: without its own constants that of Mooney-Rivlin."""
-    own = run(copy, "aneurysm", "aneurysm", *walls(PIECES.material, c1=3e4, c2=1e5, c3=1e5), "output.vtu=true")
+    own = runs["aneurysm"]
     result = json.loads((own / "result.json").read_text())
     assert (result["status"], result["not_evaluated"], result["check_failures"]) == ("converged", [], [])
     assert np.nanmax(meshio.read(own / "fields.vtu").point_data["effective_stress"]) > 1000
-    folder = run(copy, "aneurysm", "aneurysm-c1", *walls(PIECES.material, c1=3e4, c2=0, c3=0))
-    plain = json.loads((folder / "result.json").read_text())["quantities"]
+    plain = json.loads((runs["aneurysm-c1"] / "result.json").read_text())["quantities"]
     mooney = solved("aneurysm", *FRESH, *walls("mooney-rivlin", c10=3e4, c01=0)).quantities
     names = [name for name in plain if name.startswith("effective_stress")]
     assert len(names) == 3
@@ -230,17 +235,25 @@ def mixed_copy(tmp_path_factory) -> Path:
     return with_material(tmp_path_factory.mktemp("mixed-copy"), pieces)
 
 
-@pytest.mark.parametrize("formulation", ["mixed", "incompressible"])
-def test_the_forms_with_a_pressure(mixed_copy, solved, formulation):
-    """They are checked, and without the other constants the same as those of Mooney-Rivlin."""
+def membrane(formulation: str, material: str, **values: float) -> list[str]:
+    numbers = ", ".join(f"{name}={value}" for name, value in values.items())
     bulk = f", bulk_modulus={BULK}" if formulation == "mixed" else ""
+    solid = f'material="{material}", formulation="{formulation}", density=1, {numbers}{bulk}'
+    return ["cook", *FRESH, "traction.y=0.05", f"solid.membrane={{{solid}}}"]
 
-    def settings(material: str, **values: float) -> list[str]:
-        numbers = ", ".join(f"{name}={value}" for name, value in values.items())
-        solid = f'material="{material}", formulation="{formulation}", density=1, {numbers}{bulk}'
-        return ["traction.y=0.05", f"solid.membrane={{{solid}}}"]
 
-    run(mixed_copy, "cook", formulation, *settings(PIECES.material, **CONSTANTS))
-    folder = run(mixed_copy, "cook", f"{formulation}-c1", *settings(PIECES.material, c1=1, c2=0, c3=0))
-    mooney = solved("cook", *FRESH, *settings("mooney-rivlin", c10=1, c01=0))
-    assert_same(state_of(folder), state_of(mooney.directory))
+FORMULATIONS = ("mixed", "incompressible")
+
+
+@pytest.fixture(scope="module")
+def mixed_runs(mixed_copy) -> dict[str, Path]:
+    own = {form: membrane(form, PIECES.material, **CONSTANTS) for form in FORMULATIONS}
+    plain = {f"{form}-c1": membrane(form, PIECES.material, c1=1, c2=0, c3=0) for form in FORMULATIONS}
+    return run_all(mixed_copy, own | plain)
+
+
+@pytest.mark.parametrize("formulation", FORMULATIONS)
+def test_the_forms_with_a_pressure(mixed_runs, solved, formulation):
+    """They are checked, and without the other constants the same as those of Mooney-Rivlin."""
+    mooney = solved(*membrane(formulation, "mooney-rivlin", c10=1, c01=0))
+    assert_same(state_of(mixed_runs[f"{formulation}-c1"]), state_of(mooney.directory))

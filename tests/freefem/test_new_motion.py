@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from recipes import copy_program, differing, enter, insert, read_places, refused, replace, result_of, run
+from recipes import copy_program, differing, enter, insert, read_places, refused, replace, result_of, run, run_all
 
 from ffsi.reference import materials, mesh_motion
 
@@ -12,6 +12,7 @@ SCENE, LAW = "ffsi/scene/numerics.py", "ffsi/reference/mesh_motion.py"
 KINDS = '    kind: Literal["harmonic", '
 SLOW = "inflow.mean_velocity=0.06"
 NEW = "mesh_motion.kind=distortion"
+MOVED = {"flap-svk": [SLOW], "turek-fsi1": []}
 PLACES = read_places("A new mesh motion")
 LIBRARY = PLACES[0].files[0]
 
@@ -53,9 +54,14 @@ def test_the_flux_is_the_derivative_of_the_energy():
         np.testing.assert_allclose(flux[:, i, j], energy(gradients + step).imag / 1e-30, rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize(("case", "settings"), [("flap-svk", [SLOW]), ("turek-fsi1", [])])
-def test_it_moves_the_mesh_and_not_the_solid(copy, solved, case, settings):
-    folder = run(copy, case, case, NEW, *settings)
+@pytest.fixture(scope="module")
+def runs(copy) -> dict[str, Path]:
+    return run_all(copy, {case: [case, NEW, *settings] for case, settings in MOVED.items()})
+
+
+@pytest.mark.parametrize(("case", "settings"), MOVED.items())
+def test_it_moves_the_mesh_and_not_the_solid(runs, solved, case, settings):
+    folder = runs[case]
     result = result_of(folder)
     assert result["check"]["mesh_motion"] < 1e-8
     assert 'kind = "distortion"' in (folder / "scene.toml").read_text()

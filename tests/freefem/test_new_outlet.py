@@ -58,7 +58,7 @@ def test_a_wrong_sign_is_caught(copy, signs):
 
 
 def test_its_constants_are_checked(copy):
-    done = ffsi(copy, "run", "turek-fsi1", "--set", "outlet.kind=inertance", "--out", str(copy / "bad"))
+    done = ffsi(copy, ["run", "turek-fsi1", "--set", "outlet.kind=inertance", "--out", str(copy / "bad")])
     assert done.returncode == 2
     assert "outlet.inertance: missing; inertance L" in done.stderr
 

@@ -350,7 +350,7 @@ def test_the_remark_about_the_density_follows_the_fluid():
     assert "would differ by this factor" in formulas.forces(load_scene("flap-svk", ["fluid.density=2"])).here
 
 
-def test_formulas_belong_to_the_flap_only(tmp_path):
+def test_formulas_belong_to_the_flap_only(tmp_path, no_pictures):
     write_report([make_run(tmp_path / "run", case="turek-fsi1")], tmp_path / "report.html")
     html = (tmp_path / "report.html").read_text()
     assert "Formulas" not in html
@@ -387,7 +387,14 @@ def test_report_of_a_sweep(tmp_path, monkeypatch):
     assert html.count("data:image/png;base64,") == 5
 
 
-def test_only_what_was_checked_is_called_so(tmp_path, freefem, check):
+@pytest.fixture
+def no_pictures(monkeypatch):
+    """They take longer than all the rest of a report."""
+    monkeypatch.setattr(pictures, "draw", lambda *_, **__: None)
+    monkeypatch.setattr(pictures, "to_png", lambda *_, **__: b"")
+
+
+def test_only_what_was_checked_is_called_so(tmp_path, freefem, check, no_pictures):
     """In the heading, in the table and in the colour of a sweep and of a run."""
     scene = load_scene("flap-svk", ["mesh.level=0"])
     sweep.sweep(scene, {KEY: [0.01, 0.02]}, tmp_path / "all")

@@ -31,6 +31,14 @@ def files(directory):
     return {path.name for path in directory.iterdir()}
 
 
+def die(in_time, directory, step, **options):
+    """Run until the script dies after a step; the next one lives."""
+    in_time.die = step
+    with pytest.raises(FreeFEMError, match="killed"):
+        one_scene.solve(scene_in_time(), directory, **options)
+    in_time.die = None
+
+
 # Results --------------------------------------------------------------------------------------------------------------
 
 
@@ -88,9 +96,7 @@ def test_a_failed_step_keeps_the_history_and_the_last_good_state(tmp_path, in_ti
 
 
 def test_a_crash_is_raised_and_keeps_what_was_finished(tmp_path, in_time):
-    in_time.die = 27
-    with pytest.raises(FreeFEMError, match="killed"):
-        one_scene.solve(scene_in_time(), tmp_path / "run")
+    die(in_time, tmp_path / "run", 27)
     data = json.loads((tmp_path / "run" / "result.json").read_text())
     assert (data["failure"], data["time"]["steps"]) == ("crash", 27)
     assert len(load_result(tmp_path / "run").history) == 27
@@ -222,16 +228,13 @@ def test_the_lift_counts_where_nothing_moves(tmp_path):
 @pytest.fixture(params=[1, 4, 5, 6, 12, 23, 39])
 def died(request, tmp_path, in_time):
     """A run that died at some step; Python was killed with it."""
-    in_time.die = request.param
-    with pytest.raises(FreeFEMError):
-        one_scene.solve(scene_in_time(), tmp_path / "run")
+    die(in_time, tmp_path / "run", request.param)
     (tmp_path / "run" / "result.json").unlink()
-    in_time.die = None
     return tmp_path / "run"
 
 
 def test_a_killed_run_goes_on_from_its_last_checkpoint_and_comes_to_the_same(died, in_time, tmp_path):
-    steps = len(load_history(died))
+    steps = len(read_history(died))
     result = ffsi.resume(died)
     assert result.converged
     whole = one_scene.solve(scene_in_time(), tmp_path / "whole")
@@ -243,26 +246,16 @@ def test_a_killed_run_goes_on_from_its_last_checkpoint_and_comes_to_the_same(die
     assert (died / "freefem-0001.log").is_file()
 
 
-def load_history(directory):
-    return read_history(directory)
-
-
 def test_a_resumed_run_that_dies_goes_on_again(tmp_path, in_time):
     for step in (8, 18, 29):
-        in_time.die = step
-        with pytest.raises(FreeFEMError):
-            one_scene.solve(scene_in_time(), tmp_path / "run", resume=step > 8)
-    in_time.die = None
+        die(in_time, tmp_path / "run", step, resume=step > 8)
     assert ffsi.resume(str(tmp_path / "run")).converged
     assert in_time.first_steps == [1, 6, 16, 26]
     assert len(list((tmp_path / "run").glob("freefem-*.log"))) == 3
 
 
 def test_the_checkpoint_in_use_is_not_the_next_one_to_be_written(tmp_path, in_time):
-    in_time.die = 8  # only checkpoint-a, of step 5, is there
-    with pytest.raises(FreeFEMError):
-        one_scene.solve(scene_in_time(), tmp_path / "run")
-    in_time.die = None
+    die(in_time, tmp_path / "run", 8)  # only checkpoint-a, of step 5, is there
     ffsi.resume(tmp_path / "run")
     assert in_time.arguments[-1]["resume"].endswith("checkpoint-b.bin")
 
@@ -286,12 +279,9 @@ def test_a_point_that_was_cut_off_is_computed_again(tmp_path, in_time):
 
 
 def test_own_files_stay_when_a_run_goes_on(tmp_path, in_time):
-    in_time.die = 12
-    with pytest.raises(FreeFEMError):
-        one_scene.solve(scene_in_time(), tmp_path / "run")
+    die(in_time, tmp_path / "run", 12)
     (tmp_path / "run" / "notes.txt").write_text("mine")
     (tmp_path / "run" / ".result.json.77.part").write_text("{")
-    in_time.die = None
     ffsi.resume(tmp_path / "run")
     assert (tmp_path / "run" / "notes.txt").is_file()
     assert not list((tmp_path / "run").glob(".*.part"))
@@ -344,9 +334,7 @@ def test_a_finished_run_is_refused(tmp_path, in_time, fail, ending):
 
 
 def test_another_scene_is_refused(tmp_path, in_time):
-    in_time.die = 12
-    with pytest.raises(FreeFEMError):
-        one_scene.solve(scene_in_time(), tmp_path / "run")
+    die(in_time, tmp_path / "run", 12)
     with pytest.raises(InputError, match="holds a run of another scene"):
         one_scene.solve(scene_in_time("fluid.viscosity=2"), tmp_path / "run", resume=True)
     with pytest.raises(InputError, match="its folder is needed"):
@@ -354,14 +342,12 @@ def test_another_scene_is_refused(tmp_path, in_time):
 
 
 def test_a_folder_in_use_is_refused(tmp_path, in_time):
-    in_time.die = 12
-    with pytest.raises(FreeFEMError):
-        one_scene.solve(scene_in_time(), tmp_path / "run")
+    die(in_time, tmp_path / "run", 12)
     with folder.held(tmp_path / "run"):
         for resume in (True, False):
             with pytest.raises(InputError, match="another ffsi is at work in"):
                 one_scene.solve(scene_in_time(), tmp_path / "run", resume=resume)
-    assert len(load_history(tmp_path / "run")) == 12
+    assert len(read_history(tmp_path / "run")) == 12
 
 
 # Sweeps ---------------------------------------------------------------------------------------------------------------
