@@ -1,4 +1,4 @@
-"""What drives the flow, the scale of its forces, and forces from outside: gravity, traction, the support of walls."""
+"""What drives the flow, and the scale of the forces."""
 
 from __future__ import annotations
 
@@ -14,18 +14,7 @@ from ffsi.scene.base import Table, refuse
 from ffsi.scene.errors import Problem, names, nearest, short
 from ffsi.scene.expressions import Expression, ExpressionError
 from ffsi.scene.json_schema import at, equals, every, given, one_of, some, when
-from ffsi.scene.units import (
-    Acceleration,
-    Count,
-    Duration,
-    FlowRate,
-    FoundationDamping,
-    FoundationStiffness,
-    Length,
-    Number,
-    Speed,
-    Stress,
-)
+from ffsi.scene.units import Count, Duration, FlowRate, Length, Number, Speed
 from ffsi.scene.waveforms import Fourier, named_waveforms, read_waveform
 
 _TIME = ("t",)
@@ -241,24 +230,3 @@ class Forces(Table):
     """Scale of the force coefficients C = 2 f / (density mean_velocity^2 reference_length)."""
 
     reference_length: Length = Field(description="reference length, m")
-
-
-class Gravity(Table):
-    """Acceleration by gravity, on fluid and solids."""
-
-    x: Acceleration = Field(0.0, description="x component, m/s^2")
-    y: Acceleration = Field(0.0, description="y component, m/s^2")
-
-
-class Traction(Table):
-    """Dead traction on the loaded boundary: it keeps its direction, and counts per reference length."""
-
-    x: Stress = Field(0.0, description="x component, Pa")
-    y: Stress = Field(0.0, description="y component, Pa")
-
-
-class Support(Table):
-    """Elastic support of the outer sides of walls by their surroundings: the traction is -(stiffness u + damping v)."""
-
-    stiffness: FoundationStiffness = Field(0.0, description="stiffness per reference length of the wall, Pa/m")
-    damping: FoundationDamping = Field(0.0, description="damping per reference length of the wall, Pa s/m")

@@ -17,16 +17,7 @@ from ffsi.scene import together
 from ffsi.scene.base import Table, refuse
 from ffsi.scene.boundaries import Boundary
 from ffsi.scene.errors import Problem, SceneError, join, names, nearest, short
-from ffsi.scene.flow import (
-    WOMERSLEY,
-    Forces,
-    Gravity,
-    Inflow,
-    Support,
-    Traction,
-    velocity_problems,
-    with_mean_velocity,
-)
+from ffsi.scene.flow import WOMERSLEY, Forces, Inflow, velocity_problems, with_mean_velocity
 from ffsi.scene.fluids import Fluid, PowerLaw
 from ffsi.scene.geometry import ChannelGeometry, FlapChannel, Geometry, GeometryBase, MeshGeometry, Physics
 from ffsi.scene.materials import Solid
@@ -34,11 +25,33 @@ from ffsi.scene.numerics import MOTIONS, SIZES, Mesh, MeshMotion, Output, Solver
 from ffsi.scene.outlet import Outlet
 from ffsi.scene.time import Time
 from ffsi.scene.toml import parse_toml
+from ffsi.scene.units import Acceleration, FoundationDamping, FoundationStiffness, Stress
 from ffsi.scene.validation import unit
 
 MAX_DESCRIPTION = 200
 STEP_DEFAULTS: dict[str, str | float] = {"step": "condensed", "step_tolerance": 1e-6}
 _NAME = re.compile(r"[a-z][a-z0-9-]{0,63}")
+
+
+class Gravity(Table):
+    """Acceleration by gravity, on fluid and solids."""
+
+    x: Acceleration = Field(0.0, description="x component, m/s^2")
+    y: Acceleration = Field(0.0, description="y component, m/s^2")
+
+
+class Traction(Table):
+    """Dead traction on the loaded boundary: it keeps its direction, and counts per reference length."""
+
+    x: Stress = Field(0.0, description="x component, Pa")
+    y: Stress = Field(0.0, description="y component, Pa")
+
+
+class Support(Table):
+    """Elastic support of the outer sides of walls by their surroundings: the traction is -(stiffness u + damping v)."""
+
+    stiffness: FoundationStiffness = Field(0.0, description="stiffness per reference length of the wall, Pa/m")
+    damping: FoundationDamping = Field(0.0, description="damping per reference length of the wall, Pa s/m")
 
 
 class Scene(Table):

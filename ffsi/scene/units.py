@@ -111,6 +111,15 @@ class Checked(ABC):
         accepted = f"accepted: {self.accepted}"
         return PydanticCustomError("refused", "{text}", {"text": f"{reason}; {accepted}" if reason else accepted})
 
+    @property
+    @abstractmethod
+    def json_schema(self) -> dict[str, Any]:
+        """JSON schema of the values as a TOML file holds them."""
+
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        """Let pydantic take the JSON schema from this object."""
+        return self.json_schema
+
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         """Let pydantic check the field by this object."""
         return core_schema.no_info_plain_validator_function(cast(Callable[[Any], Any], self))
@@ -182,8 +191,9 @@ class Quantity(Checked):
         if not all(_BOUNDS[name][1](number, bound) for name, bound in self.bounds.items()):
             raise self.refused("out of range")
 
-    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
-        """Return the JSON schema: a number in the range, or a text that may be one with a unit."""
+    @property
+    def json_schema(self) -> dict[str, Any]:
+        """JSON schema: a number in the range, or a text that may be one with a unit."""
         number = {"type": "number", **{_BOUNDS[name][2]: bound for name, bound in self.bounds.items()}}
         if self.unit not in _EXAMPLES:
             return number
@@ -212,8 +222,9 @@ class Count(Quantity):
         self._inside(value)
         return int(value)
 
-    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
-        """Return the JSON schema."""
+    @property
+    def json_schema(self) -> dict[str, Any]:
+        """JSON schema."""
         return {"type": "integer", "minimum": self.at_least, "maximum": self.at_most}
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ffsi.scene import CASES, Scene, SceneError, boundaries, load_scene, with_values
-from ffsi.scene.flow import Support
+from ffsi.scene.model import Support
 from ffsi.scene.outlet import Outlet
 from ffsi.scene.waveforms import Fourier, named_waveforms, read_waveform
 

@@ -10,21 +10,10 @@ import numpy as np
 from pydantic import Field
 
 from ffsi.scene.base import Table
-from ffsi.scene.boundaries import (
-    CLAMPED,
-    DOME_WALL,
-    INLET,
-    INNER_WALL,
-    OUTER,
-    OUTER_WALL,
-    OUTLET,
-    STRUTS,
-    Boundary,
-    Inlet,
-)
+from ffsi.scene.boundaries import CLAMPED, DOME_WALL, INLET, INNER_WALL, OUTER, OUTER_WALL, OUTLET, STRUTS, Boundary
 from ffsi.scene.errors import Problem, names
 from ffsi.scene.geometry import dome
-from ffsi.scene.geometry.base import ChannelGeometry, Physics, surface_role
+from ffsi.scene.geometry.base import ChannelGeometry, Inlet, Physics, surface_role
 from ffsi.scene.units import Count, Length
 
 MAX_STRUTS = 20

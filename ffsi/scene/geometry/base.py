@@ -10,7 +10,8 @@ from typing import Any, ClassVar, Literal, Self
 from pydantic import Field, model_validator
 
 from ffsi.scene.base import Table, refuse
-from ffsi.scene.boundaries import INLET, OUTLET, Boundary, Inlet, Role
+from ffsi.scene.boundaries import INLET, OUTLET, Boundary, Role
+from ffsi.scene.boundaries import Inlet as Inlet
 from ffsi.scene.errors import Problem, number_text, short
 from ffsi.scene.units import Length
 

@@ -9,16 +9,7 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
-from pydantic import (
-    Field,
-    GetJsonSchemaHandler,
-    PlainSerializer,
-    PrivateAttr,
-    ValidationInfo,
-    field_validator,
-    model_validator,
-)
-from pydantic_core import CoreSchema
+from pydantic import Field, PlainSerializer, PrivateAttr, ValidationInfo, field_validator, model_validator
 
 from ffsi.scene.base import Table, refuse
 from ffsi.scene.boundaries import OUTLET, Boundary, Inlet
@@ -48,8 +39,9 @@ class _GroupNames(Checked):
             raise self.refused()
         return tuple(str(item) for item in items)
 
-    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
-        """Return the JSON schema."""
+    @property
+    def json_schema(self) -> dict[str, Any]:
+        """JSON schema."""
         one = {"type": ["string", "integer"]}
         return {"anyOf": [one, {"type": "array", "items": one, "minItems": 1}]}
 

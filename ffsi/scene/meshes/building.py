@@ -12,10 +12,10 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from ffsi.files.arrays import Floats, Ints
-from ffsi.scene.boundaries import CLAMPED, INLET, SUPPORTED, Boundary, Inlet
+from ffsi.scene.boundaries import CLAMPED, INLET, SUPPORTED, SURFACE, Boundary, Inlet, Role
 from ffsi.scene.errors import Problem, SceneError, count, fault, names, place, short
 from ffsi.scene.meshes import topology as checks
-from ffsi.scene.meshes.curves import FLUID, ROLES, Curves, Naming, boundary, chosen_groups
+from ffsi.scene.meshes.curves import FLUID, ROLES, Curves, Naming, chosen_groups
 from ffsi.scene.meshes.reading import MeshFile, read_mesh_file
 from ffsi.scene.meshes.topology import Flags, Topology, cross
 
@@ -134,12 +134,23 @@ def _domain_mesh(path: Path, unit: str, metres: float, naming: Naming, _: tuple[
         label=label[chosen],
         areas={name: float(areas[region == number].sum()) for name, number in by_number},
         boundaries=tuple(
-            boundary(value, parts, float(lengths[label[chosen] == value].sum()))
+            _boundary(value, parts, float(lengths[label[chosen] == value].sum()))
             for value in np.unique(label[chosen]).tolist()
         ),
         inlet=_inlet(vertices, edges[label[chosen] == INLET], unit, metres) if "fluid" in naming.numbers else None,
         loose=_pieces_without(topology, region, held, naming),
     )
+
+
+def _boundary(label: int, parts: dict[int, tuple[str, Role]], length: float) -> Boundary:
+    """Return what a label means."""
+    if label in parts:
+        name, role = parts[label]
+        return Boundary(name, label, role, length, name)
+    if label == SURFACE:
+        return Boundary("interface", label, "interface", length)
+    name = next(key for key, meant in ROLES.items() if meant.label == label)
+    return Boundary(name, label, ROLES[name].role, length, outer=label == SUPPORTED)
 
 
 def _snapped(points: Floats) -> Floats:

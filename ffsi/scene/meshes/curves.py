@@ -8,19 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ffsi.files.arrays import Ints
-from ffsi.scene.boundaries import (
-    CLAMPED,
-    INLET,
-    LOADED,
-    OUTER,
-    OUTLET,
-    PARTS,
-    SUPPORTED,
-    SURFACE,
-    WALLS,
-    Boundary,
-    Role,
-)
+from ffsi.scene.boundaries import CLAMPED, INLET, LOADED, OUTER, OUTLET, PARTS, SUPPORTED, SURFACE, WALLS, Role
 from ffsi.scene.errors import Problem, SceneError, count, fault, names, nearest, place, short
 from ffsi.scene.meshes.reading import Group
 from ffsi.scene.meshes.topology import Topology
@@ -205,14 +193,3 @@ class Curves:
 
     def _at(self, edge: int) -> str:
         return place(self.topology.middles[edge], self.topology.unit)
-
-
-def boundary(label: int, parts: dict[int, tuple[str, Role]], length: float) -> Boundary:
-    """Return what a label means."""
-    if label in parts:
-        name, role = parts[label]
-        return Boundary(name, label, role, length, name)
-    if label == SURFACE:
-        return Boundary("interface", label, "interface", length)
-    name = next(key for key, meant in ROLES.items() if meant.label == label)
-    return Boundary(name, label, ROLES[name].role, length, outer=label == SUPPORTED)
