@@ -9,7 +9,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, get_args
 
 import typer
 
@@ -24,6 +24,7 @@ from ffsi.hemodynamics.result import Result, load_result, load_results
 from ffsi.result import resolution
 from ffsi.result.evaluation import words
 from ffsi.result.in_time import STOPPED
+from ffsi.result.study_definition import Design
 from ffsi.run.resume import check_resumable
 from ffsi.scene import MeshGeometry, Scene, SceneError, load_scene
 from ffsi.text import nearest
@@ -240,19 +241,38 @@ def render(
 
 @app.command()
 def sweep(
-    case: Case,
-    vary: Annotated[
-        list[str],
-        typer.Option(
-            "--vary",
-            metavar="KEY=START:STOP:STEP|A,B,C",
-            help="A parameter and its values; repeatable.",
+    case: Annotated[
+        str,
+        typer.Argument(
+            metavar="CASE|scene.toml|study.toml",
+            help="A case of `ffsi cases`, a scene file, or a file that says all of a study (docs/studies.md).",
             show_default=False,
         ),
     ],
     out: Annotated[
         Path, typer.Option("--out", help="The sweep's folder; a second call resumes it.", show_default=False)
     ],
+    vary: Annotated[
+        list[str],
+        typer.Option(
+            "--vary",
+            metavar="KEY=START:STOP:STEP|A,B,C|LOW:HIGH",
+            help="A parameter and its values, with or without units, or the range of samples; repeatable.",
+            show_default=False,
+        ),
+    ] = [],  # noqa: B006
+    points: Annotated[
+        Path | None,
+        typer.Option("--points", metavar="FILE.csv", help="A line of keys, then points.", show_default=False),
+    ] = None,
+    design: Annotated[
+        str | None,
+        typer.Option("--design", metavar="|".join(get_args(Design)), help="Of the values.", show_default="product"),
+    ] = None,
+    samples: Annotated[
+        int | None, typer.Option("--samples", metavar="N", help="Of ranges.", show_default=False)
+    ] = None,
+    seed: Annotated[int | None, typer.Option("--seed", metavar="S", help="Of samples.", show_default="0")] = None,
     settings: Settings = [],  # noqa: B006
     jobs: Annotated[
         int | None, typer.Option("--jobs", min=1, help="FreeFEM processes at a time.", show_default="1")
@@ -261,24 +281,49 @@ def sweep(
         str | None,
         typer.Option("--dask", metavar="ADDRESS", help="Dask scheduler instead of --jobs.", show_default=False),
     ] = None,
+    cache: Annotated[
+        Path | None,
+        typer.Option("--cache", metavar="DIR", help="Points solved once, for many studies.", show_default=False),
+    ] = None,
     json: AsJson = False,
     no_check: NoCheck = False,
 ) -> None:
-    """Solve a case for many values of its parameters into one table, sweep.csv."""
-    from ffsi.cli.vary import parse_all
-    from ffsi.result.table import TABLE, points
-    from ffsi.run.sweep import plan
+    """Solve a case at many values of its parameters into one table, sweep.csv."""
+    from ffsi.cli.vary import parse_all, read_points, read_study
+    from ffsi.result.table import TABLE
+    from ffsi.run.design import columns_of
     from ffsi.run.sweep import sweep as run_sweep
+    from ffsi.scene import with_values
 
     if jobs is not None and dask is not None:
         raise InputError("give either --jobs or --dask, not both")
-    scene = load_scene(case, settings)
-    varied = parse_all(vary)
-    if not json and plan(scene, varied):  # which refuses keys and values that the scene does not accept
+    if vary and points is not None:
+        raise InputError("give either --vary or --points, not both")
+    said = read_study(Path(case)) if Path(case).suffix == ".toml" and Path(case).is_file() else None
+    if said is not None and (vary or points is not None or design is not None or samples is not None):
+        raise InputError(f"{case} is a study: its points are said there, not by --vary, --points, --design, --samples")
+    if said is None:
+        said = {"scene": case, "set": {}, "vary": parse_all(vary, sampled=samples is not None), "points": points}
+        said |= {"design": design, "samples": samples, "seed": seed}
+        if points is None and not vary:
+            raise InputError("--vary or --points is missing: what is to be varied")
+    elif seed is not None:
+        said["seed"] = seed
+    scene = with_values(load_scene(said["scene"], settings), said["set"])
+    varied: Any = read_points(Path(said["points"])) if said.get("points") else said["vary"]
+    plan: dict[str, Any] = {
+        "design": said.get("design") or "product",
+        "samples": said.get("samples"),
+        "seed": said.get("seed"),
+    }
+    count = len(columns_of(scene.settled(), varied, **plan)[1])  # refuses what the scene does not accept
+    if not json:
         show.domain(scene)
     try:
-        with machine.computing(out), show.progress(scene.name, len(points(varied))) as on_event:
-            table = run_sweep(scene, varied, out, jobs=jobs or 1, dask=dask, check=not no_check, on_event=on_event)
+        with machine.computing(out), show.progress(scene.name, count) as on_event:
+            table = run_sweep(
+                scene, varied, out, **plan, jobs=jobs, dask=dask, cache=cache, check=not no_check, on_event=on_event
+            )
     except KeyboardInterrupt:
         show.note(f"interrupted; the same call goes on with what is missing in {out}")
         raise

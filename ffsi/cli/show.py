@@ -23,6 +23,8 @@ from ffsi.hemodynamics.result import Result
 from ffsi.result.domain import intended, words
 from ffsi.result.published import Reference, references_for
 from ffsi.result.quantities import CHECKED, in_table, published_value, unit
+from ffsi.result.study_definition import shown as shown_value
+from ffsi.result.table import TABLE
 from ffsi.result.words import tally, time_line
 from ffsi.scene import CASES, Scene
 from ffsi.scene.materials import Elastic
@@ -214,6 +216,9 @@ def check_line(check: Mapping[str, Any], failures: Sequence[str]) -> str:
     return f"check: {'FAILED' if failures else 'passed'}, the largest is {worst} with {numbers[worst]:.1e}"
 
 
+_ROWS = 60
+
+
 def sweep(table: pd.DataFrame, keys: Sequence[str], out: Path) -> None:
     """Print the sweep's table."""
     console = _out()
@@ -222,14 +227,16 @@ def sweep(table: pd.DataFrame, keys: Sequence[str], out: Path) -> None:
     shown = Table(box=None, pad_edge=False, header_style="bold")
     for name in [*keys, "status", *names, "check_maximum", "seconds"]:
         shown.add_column(text(name), justify="left" if name == "status" else "right")
-    for _, line in table.iterrows():
+    for _, line in table.head(_ROWS).iterrows():
         good = line["status"] == "converged" and line["checked"]
         word = line["status"] if good or line["status"] == "failed" else f"{line['status']}, not checked"
-        cells: list[str | Text] = [f"{line[key]:g}" for key in keys]
+        cells: list[str | Text] = [text("-" if pd.isna(line[key]) else shown_value(line[key])) for key in keys]
         cells.append(text(word, "green" if good else "red"))
         cells += [_cell(line[name], "{:.6g}") for name in names]
         shown.add_row(*cells, _cell(line["check_maximum"], "{:.1e}"), _cell(line["seconds"], "{:.1f}"))
     console.print(shown)
+    if len(table) > _ROWS:
+        console.print(f"and {len(table) - _ROWS} more in {out / TABLE}")
     console.print(Text(tally(table)[0]), soft_wrap=True)
     console.print(Text(printable(f"files: {out}")), soft_wrap=True)
     for warning, count in table["warnings"].fillna("").value_counts().items():

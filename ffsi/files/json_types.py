@@ -13,8 +13,8 @@ from ffsi.text import cut
 _TEXTS = ("case", "status", "reason", "failure", "old", "new")
 _WHOLE = ("point", "step", "steps", "triangles", "unknowns")
 _REAL = ("level", "time", "k", "theta", "reached", "end", "seconds")
-_FLAT = ("newton", "timings", "check", "varied", "energy", "last", "windkessel")  # names and numbers
-_TABLES = (*_FLAT, "quantities", "parameters", "freefem", "regions", "boundaries", "files")
+_FLAT = ("newton", "timings", "check", "energy", "last", "smallest", "largest", "windkessel")  # names and numbers
+_TABLES = (*_FLAT, "varied", "quantities", "parameters", "freefem", "regions", "boundaries", "files")
 _LISTS = ("check_failures", "warnings", "cycles", "points", "not_evaluated")
 _NEVER_ABSENT = ("case", "status", "point", "steps", "points", "old", "new", "parameters", "k", "theta")
 

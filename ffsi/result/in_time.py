@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -65,7 +65,7 @@ def complete(data: dict[str, Any], scene: Scene, directory: Path) -> None:
     data["newton"] = _counts(directory, history)
     data["time"] = {
         "reached": reached, "end": scene.time.end, "steps": len(history), **_periodicity(scene, directory, history),
-        "last": last, "energy": energy_balance(history),
+        "last": last, **_extremes(history, data["quantities"]), "energy": energy_balance(history),
     }  # fmt: skip
     ended, failure, reason = reached >= scene.time.end * (1.0 - 1e-9), "", ""
     if data["failure"]:
@@ -85,6 +85,15 @@ def complete(data: dict[str, Any], scene: Scene, directory: Path) -> None:
     if failure:
         data |= {"status": "failed", "failure": failure, "reason": reason}
     data.setdefault("warnings", []).extend(resolution.of_history(scene, history, data["time"]["energy"]))
+
+
+def _extremes(history: pd.DataFrame, quantities: Mapping[str, Any]) -> dict[str, dict[str, float]]:
+    """Return the smallest and the largest value over all steps of every quantity."""
+    names = [name for name in quantities if name in history]
+    return {
+        "smallest": {name: float(history[name].min(skipna=False)) for name in names},
+        "largest": {name: float(history[name].max(skipna=False)) for name in names},
+    }
 
 
 def _was_asked_to_stop(directory: Path) -> bool:

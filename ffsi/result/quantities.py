@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -107,7 +108,7 @@ def unit(quantity: str) -> str:
         return "Hz"
     if quantity.endswith("_change"):
         return "1"
-    name = quantity.removesuffix("_mean").removesuffix("_amplitude")
+    name = re.sub("_(mean|amplitude|last|min|max)$", "", quantity)
     known = [item for item in QUANTITIES if f"{name}_".startswith(f"{item.name}_")]
     found = max(known, key=lambda item: len(item.name)).unit if known else "1"
     return "m" if found == "1" and name.endswith(("_ux", "_uy", "_x", "_y")) else found

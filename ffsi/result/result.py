@@ -26,6 +26,7 @@ from ffsi.result.domain import meshed
 from ffsi.result.evaluation import Evaluations, Notes, words
 from ffsi.result.fields import FLUID, Fields
 from ffsi.result.quantities import flatten, unit
+from ffsi.result.study_definition import label
 from ffsi.scene import Scene, load_scene, with_values
 
 if TYPE_CHECKING:
@@ -339,7 +340,7 @@ class PlainResult:
         words = [str(self.data["case"])]
         if self.data.get("level") is not None:
             words.append(f"mesh level {self.data['level']}")
-        words += [f"{key} = {value:g}" for key, value in (self.data.get("varied") or {}).items()]
+        words += [label(values)] if (values := self.data.get("varied")) else []
         if not self.solved:
             words.append("last converged state")
         return ", ".join(words)

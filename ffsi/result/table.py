@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 import os
 from collections.abc import Mapping, Sequence
@@ -13,33 +12,19 @@ import pandas as pd
 
 from ffsi.files import folder
 from ffsi.files.errors import InputError
-from ffsi.result import sweep_definition
+from ffsi.result import study_definition
 from ffsi.result.evaluation import words
-from ffsi.result.quantities import check_maximum, flatten
+from ffsi.result.quantities import check_maximum, flatten, unit
 from ffsi.result.result import PlainResult
+from ffsi.result.study_definition import Values, points_of
+from ffsi.scene.lookup import unit_of
 
-Values = dict[str, float]
-
-TABLE = "sweep.csv"
-
-MAXIMUM_POINTS = 100_000
+TABLE, UNITS = "sweep.csv", "sweep.units.csv"
 
 
-def check_count(vary: Mapping[str, Sequence[float]]) -> None:
-    """Count the points of a sweep before one of them is made.
-
-    Raises:
-        InputError: more than MAXIMUM_POINTS.
-    """
-    count = math.prod(len(values) for values in vary.values())
-    if count > MAXIMUM_POINTS:
-        sizes = " x ".join(str(len(values)) for values in vary.values())
-        raise InputError(f"the sweep has {sizes} = {words_of_count(count)} points, more than {MAXIMUM_POINTS}")
-
-
-def points(vary: Mapping[str, Sequence[float]]) -> list[Values]:
-    """Return the cartesian product of `vary`, the last key changing fastest."""
-    return [dict(zip(vary, values, strict=True)) for values in itertools.product(*vary.values())]
+def place(values: Values, keys: Sequence[str]) -> tuple[Any, ...]:
+    """Return what tells a point of a sweep from the others."""
+    return tuple(values.get(key) for key in keys)
 
 
 def row(result: PlainResult, values: Values, directory: Path) -> dict[str, Any]:
@@ -53,6 +38,7 @@ def row(result: PlainResult, values: Values, directory: Path) -> dict[str, Any]:
         "failure": result.failure,
         "warnings": "; ".join(result.warnings),
         **flatten(result.quantities),
+        **extremes(result.data),
         **{f"reached_{name}": value for name, value in result.reached.items()},
         "check_maximum": None if math.isnan(worst) else worst,
         **({"not_evaluated": "; ".join(map(words, result.not_evaluated))} if result.not_evaluated else {}),
@@ -62,16 +48,42 @@ def row(result: PlainResult, values: Values, directory: Path) -> dict[str, Any]:
     }
 
 
+def extremes(data: Mapping[str, Any]) -> dict[str, float]:
+    """Return `drag_last`, `drag_min`, `drag_max` and so on of a run in time that was not failed; else nothing."""
+    if data.get("failure") or not isinstance(time := data.get("time"), Mapping):
+        return {}
+    parts = {"last": time.get("last"), "min": time.get("smallest"), "max": time.get("largest")}
+    return {
+        f"{name}_{part}": float(values[name])
+        for name in parts["max"] or {}
+        for part, values in parts.items()
+        if isinstance(values, Mapping) and name in values
+    }
+
+
+def units(table: pd.DataFrame, keys: Sequence[str]) -> dict[str, str]:
+    """Return the SI unit of every column of numbers, `1` without dimension."""
+    own = {"check_maximum": "1", "seconds": "s", **{key: unit_of(key) or "1" for key in keys}}
+    names = [name for name in table.columns if pd.api.types.is_numeric_dtype(table[name]) and name != "point"]
+    names = [name for name in names if table[name].dtype != bool]
+    return {name: own.get(name) or own.get(name.removeprefix("reached_")) or unit(name) for name in names}
+
+
 def frame(
-    directory: Path, keys: Sequence[str], order: Sequence[Values], known: Mapping[tuple[float, ...], PlainResult]
+    directory: Path, keys: Sequence[str], order: Sequence[Values], known: Mapping[tuple[Any, ...], PlainResult]
 ) -> pd.DataFrame:
-    """Return the table: the results that are known by their values, in the order of the sweep."""
-    rows = [row(known[at], each, directory) for each in order if (at := tuple(each.values())) in known]
+    """Return the table: the results that are known by their values, in the order of the sweep.
+
+    Its `attrs["units"]` are the units of its columns.
+    """
+    rows = [row(known[at], each, directory) for each in order if (at := place(each, keys)) in known]
     first = [*keys, "status", "checked", "reason", "failure", "warnings"]
     last = ["check_maximum", "seconds", "folder", "point"]
     middle = dict.fromkeys(key for item in rows for key in item if key not in (*first, *last))
     ordered = sorted(middle, key=lambda name: name.startswith("reached_"))
-    return pd.DataFrame(rows, columns=[*first, *ordered, *last])
+    table = pd.DataFrame(rows, columns=[*first, *ordered, *last])
+    table.attrs["units"] = units(table, keys)
+    return table
 
 
 def problems(directory: Path) -> list[str]:
@@ -83,9 +95,10 @@ def problems(directory: Path) -> list[str]:
     results = PlainResult.load_all(directory, believe=True)
     again = "; the same call of ffsi sweep mends it"
     try:
-        vary = sweep_definition.read(directory)["vary"]
-        known = {tuple(result.data["varied"][key] for key in vary): result for result in results}
-        text = frame(directory, list(vary), points(vary), known).to_csv(index=False).encode("utf-8")
+        definition = study_definition.read(directory)
+        keys = list(definition["vary"])
+        known = {place(result.data["varied"], keys): result for result in results}
+        text = frame(directory, keys, points_of(definition), known).to_csv(index=False).encode("utf-8")
         path = directory / TABLE
         if not path.is_file():
             return [f"{path} is missing{again}"]
@@ -94,8 +107,3 @@ def problems(directory: Path) -> list[str]:
         return [str(error)]
     except (KeyError, TypeError, AttributeError) as error:
         return [f"{directory}: its results are not those of its {folder.SWEEP} ({error})"]
-
-
-def words_of_count(count: int) -> str:
-    """Return a number of points that may have hundreds of digits."""
-    return str(count) if count < 10**9 else f"about 1e{len(str(count)) - 1}"

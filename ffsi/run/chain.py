@@ -15,6 +15,7 @@ from ffsi.hemodynamics.result import Result
 from ffsi.run.execute import execute, start
 from ffsi.run.point import Point
 from ffsi.scene import Scene, with_values
+from ffsi.scene.lookup import Scalar
 from ffsi.script.render import is_runtime_parameter
 
 OnResult = Callable[[Result], None]
@@ -22,7 +23,7 @@ OnResult = Callable[[Result], None]
 
 def run_chain(
     scene: Scene,
-    key_values: Sequence[Mapping[str, float]],
+    key_values: Sequence[Mapping[str, Scalar]],
     out: str | Path,
     *,
     check: bool = True,
@@ -131,7 +132,7 @@ class _Finisher:
         return result
 
 
-def _chain_scenes(scene: Scene, key_values: Sequence[Mapping[str, float]]) -> tuple[list[Scene], list[str]]:
+def _chain_scenes(scene: Scene, key_values: Sequence[Mapping[str, Scalar]]) -> tuple[list[Scene], list[str]]:
     """Return the scene of each point and the keys that vary along the chain."""
     if not key_values:
         raise InputError("a chain needs at least one point")
@@ -148,7 +149,7 @@ def _chain_scenes(scene: Scene, key_values: Sequence[Mapping[str, float]]) -> tu
     return scenes, varying
 
 
-def _write_points(directory: Path, names: Sequence[str], key_values: Sequence[Mapping[str, float]]) -> dict[str, str]:
+def _write_points(directory: Path, names: Sequence[str], key_values: Sequence[Mapping[str, Scalar]]) -> dict[str, str]:
     if not names:
         return {}
     lines = [str(len(names)), " ".join(name.replace(".", "_") for name in names), str(len(key_values))]

@@ -11,7 +11,7 @@ from pathlib import Path
 from ffsi.files import folder, seals
 from ffsi.files.errors import InputError
 from ffsi.hemodynamics.result import Result, load_result
-from ffsi.result.table import Values
+from ffsi.result.study_definition import Values
 from ffsi.run.point import finish_point
 from ffsi.scene import Scene, with_values
 
@@ -117,6 +117,6 @@ def points_of(chain: Path, keys: Sequence[str]) -> list[Values]:
     known = folder.read_json(path).get("points")
     if not isinstance(known, list) or not known:
         raise InputError(f"{path} is damaged: it names no points")
-    if any(not isinstance(values, dict) or set(values) != set(keys) for values in known):
+    if any(not isinstance(values, dict) or not set(values) <= set(keys) for values in known):
         raise InputError(f"{path} is damaged: its points are not those of the sweep")
     return known

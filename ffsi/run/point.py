@@ -20,6 +20,7 @@ from ffsi.result.evaluation import Notes, attempt, gather
 from ffsi.result.quantities import CHECKED, flatten
 from ffsi.run.verdict import verdict
 from ffsi.scene import Scene
+from ffsi.scene.lookup import Scalar
 
 logger = logging.getLogger(__name__)
 
@@ -33,7 +34,7 @@ class Point:
     scene: Scene
     directory: Path
     number: int
-    varied: Mapping[str, float]
+    varied: Mapping[str, Scalar]
     alone: bool = False
     followed: bool = False
     """Whether the script goes on with another point."""
@@ -250,7 +251,7 @@ def seconds(value: float) -> float:
 
 
 def finish_point(
-    scene: Scene, directory: Path, point: int, varied: Mapping[str, float], *, check: bool = True
+    scene: Scene, directory: Path, point: int, varied: Mapping[str, Scalar], *, check: bool = True
 ) -> Result | None:
     """Check a complete point of a chain whose process (or Python) died before that was done, and write its result file.
 

@@ -1,199 +1,186 @@
-"""Many points of one scene: plan chains, run them in parallel, resume, one table."""
+"""Many points of one scene: run what is missing, in parallel, here or elsewhere; one table."""
 
 from __future__ import annotations
 
 import logging
-import numbers
 import os
 import threading
-from collections.abc import Iterable, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor, as_completed
-from dataclasses import dataclass
-from functools import partial
+import time
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor, Future, ThreadPoolExecutor, as_completed
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
-import tomli_w
 
 from ffsi.files import folder
 from ffsi.files.arguments import count_of, path_of
-from ffsi.files.errors import InputError
-from ffsi.freefem import find_freefem, stop_all
+from ffsi.freefem import Event, find_freefem, stop_all
 from ffsi.freefem.events import OnEvent
 from ffsi.hemodynamics.result import Result
-from ffsi.result import in_time, sweep_definition
-from ffsi.result.table import TABLE, Values, check_count, frame, points
-from ffsi.run.chain import OnResult, run_chain
+from ffsi.result import in_time, study_definition
+from ffsi.result.study_definition import Values
+from ffsi.result.table import TABLE, UNITS, frame, place
+from ffsi.run import remote
+from ffsi.run.cache import Cache
+from ffsi.run.design import columns_of
 from ffsi.run.harvest import chains_of, harvest, points_of
-from ffsi.scene import Scene, load_scene, scene_of, with_values
-from ffsi.script.render import is_runtime_parameter
+from ffsi.run.pieces import Stop, run_piece
+from ffsi.run.plan import Piece, nearest, plan, run_time_keys
+from ffsi.scene import Scene, scene_of
 
 logger = logging.getLogger(__name__)
 
-
-@dataclass(frozen=True)
-class Chain:
-    """Points that one FreeFEM process solves in this order.
-
-    Attributes:
-        points: per point, every varied key and its value.
-        lead_in: points solved by an earlier call, in order; the way to the first of `points` if that does not converge
-            from rest.
-    """
-
-    points: tuple[Values, ...]
-    lead_in: tuple[Values, ...] = ()
-
-
-def plan(scene: Scene, vary: Mapping[str, Sequence[float]]) -> list[Chain]:
-    """Split the cartesian product of `vary` into chains.
-
-    The last key that needs no new mesh runs along the chain, in the given order; every combination of the others is
-    its own chain. In time every point is a chain.
-
-    Raises:
-        InputError: nothing varies.
-        SceneError: a key or a value that the scene does not accept.
-    """
-    if not vary or any(len(values) == 0 for values in vary.values()):
-        raise InputError("a sweep needs at least one varied key with at least one value")
-    check_count(vary)
-    for values in points(vary):
-        with_values(scene, dict(values))
-    along = next((key for key in reversed(list(vary)) if scene.steady and is_runtime_parameter(scene, key)), None)
-    others = {key: vary[key] for key in vary if key != along}
-    steps: Sequence[Values] = [{along: value} for value in vary[along]] if along is not None else [{}]
-    return [Chain(tuple({key: {**fixed, **step}[key] for key in vary} for step in steps)) for fixed in points(others)]
+_SHARE = 0.05
+"""Largest part of the wall time that writing the table may cost while points are still running ..."""
+_QUICK = 0.2
+"""... if it takes longer than this, s."""
 
 
 def sweep(
     scene: Scene | str | Path,
-    vary: Mapping[str, Sequence[float]],
+    vary: Any,
     out: str | Path,
-    jobs: int = 1,
-    dask: str | None = None,
-    on_event: OnEvent | None = None,
+    design: str = "product",
+    samples: int | None = None,
+    seed: int | None = None,
+    jobs: int | None = None,
+    executor: Executor | None = None,
+    dask: Any = None,
     *,
+    cache: str | Path | None = None,
     check: bool = True,
+    on_event: OnEvent | None = None,
 ) -> pd.DataFrame:
-    """Solve `scene` for every combination of values, and keep `out/sweep.csv` up to date while points finish.
+    """Solve `scene` at many points, and keep `out/sweep.csv` up to date while they finish.
 
-    A second call with the same definition runs only what is missing or died; points that did not converge are not
-    tried again. Points of a scene in time go on from their last checkpoints.
+    A second call with the same points runs only what is missing or died; points that did not converge are not tried
+    again. Points of a scene in time go on from their last checkpoints. A point that fails costs no other one.
 
     Args:
         scene: what to solve: a scene, the name of a case, or the path of a TOML file.
-        vary: dotted keys and their values, numbers in SI.
+        vary: values by dotted key: numbers in SI, texts with a unit, names, truth values, of Python, numpy, pandas or
+            pint. Or the points themselves: a DataFrame or a list of mappings.
         out: the sweep's folder.
-        jobs: chains at a time on this machine.
-        dask: address of a dask scheduler whose workers see `out` under the same path (extra `dask`).
-        on_event: called with every event that the scripts report (not with dask).
+        design: `product` of the values, `zip` (the first of each, the second ...), or samples of ranges (low, high):
+            `latin-hypercube`, `sobol`.
+        samples: points of a sample.
+        seed: of a sample; without one 0.
+        jobs: pieces at a time: FreeFEM processes on this machine (1), or workers of `executor` or `dask` (all).
+        executor: where the pieces run instead: any `concurrent.futures.Executor`. What goes there and comes back goes
+            through it; no disk needs to be shared.
+        dask: a `distributed.Client` or the address of a scheduler (extra `dask`), likewise.
+        cache: a folder in which points are kept by their content, and looked up; studies may share it.
         check: verify every point with the independent checker.
+        on_event: called with every event of the scripts, and with `result` events of the study: `points`, `done`,
+            `failed`, `running`, and in words the last point.
 
     Returns:
-        One row per point in the order of the product: the varied keys, `status`, `checked`, `reason`, `failure`,
-        `warnings`, every quantity (of a point that failed none, but `reached_...`), `check_maximum`, `seconds`,
-        `folder` and `point`.
+        One row per point in their order: the varied keys in SI, `status`, `checked`, `reason`, `failure`, `warnings`,
+        every quantity (of a point that failed none, but `reached_...`; in time the mean, amplitude and frequency
+        where periodic, and `_last`, `_min`, `_max`), `check_maximum`, `seconds`, `folder` and `point`. `attrs["units"]`
+        has the columns' units, so has `out/sweep.units.csv`.
 
     Raises:
-        InputError: `out` holds something else, or a sweep with another definition; or `dask` is not installed; or an
-            argument is not accepted.
-        SceneError: a key or a value that the scene does not accept.
+        InputError: `out` holds something else, or a sweep with other points; or an argument is not accepted.
+        SceneError: keys or values that the scene does not accept, all of them.
         FreeFEMNotFound: no FreeFEM on this machine.
     """
-    vary, jobs, directory = _checked(vary), count_of(jobs, "jobs"), path_of(out, "out").absolute()
+    directory = path_of(out, "out").absolute()
     # One script for the points of a chain, also where a default would follow a varied value.
     scene = scene_of(scene).settled()
-    chains = plan(scene, vary)
-    defined = sweep_definition.define(scene, vary)
-    if dask is None:
+    varied, points = columns_of(scene, vary, design, samples, seed)
+    pool = remote.executor_of(executor, dask)
+    workers = count_of(jobs, "jobs") if jobs is not None else 1 if pool is None else remote.workers_of(pool)
+    defined = study_definition.define(scene, varied)
+    if pool is None:
         find_freefem()
-    with folder.held(directory, lambda path: sweep_definition.check(path, defined)):
+    with folder.held(directory, lambda path: study_definition.check(path, defined)):
         if not folder.is_sweep_folder(directory):
-            sweep_definition.write(directory, defined)
-        table = _Table(directory, list(vary), points(vary))
+            study_definition.write(directory, defined)
+        table = _Table(directory, list(varied["vary"]), points, on_event)
         for chain in chains_of(directory):
-            for result in harvest(scene, chain, list(vary), check=check):
+            for result in harvest(scene, chain, table.keys, check=check):
                 table.add(result)
-        todo = [rest for chain in chains if (rest := remaining(chain, table.done(), table.converged()))]
-        folders = _folders(scene, directory, todo)
-        if dask is not None:
-            _run_on_dask(scene, todo, folders, table, dask, check)
-        else:
-            _run_here(scene, todo, folders, table, jobs, on_event, check)
+        study = _Study(scene, directory, table, workers, pool, Cache(cache) if cache is not None else None, check)
+        study.run(on_event)
         return table.write()
 
 
-def _checked(vary: Mapping[str, Sequence[float]]) -> dict[str, list[float]]:
-    """Return what varies, if it is what the command line accepts, too.
-
-    Raises:
-        InputError: it is something else, or a value occurs twice.
-    """
-    if not isinstance(vary, Mapping):
-        raise InputError(f"vary: accepted: keys and their values, such as {{'mesh.level': [0, 1]}}, not {vary!r}")
-    found: dict[str, list[float]] = {}
-    for key, values in vary.items():
-        several = isinstance(values, Iterable) and not isinstance(values, str)
-        given: list[Any] = list(values) if several else []
-        wrong = [item for item in given if isinstance(item, bool) or not isinstance(item, numbers.Real)]
-        if wrong or not several:
-            shown = wrong[0] if wrong else values
-            raise InputError(f"vary {key} = {shown!r}: accepted: a list of numbers in SI, such as [0.02, 0.04]")
-        found[key] = given
-        if len(set(given)) < len(given):
-            raise InputError(f"vary {key}: a value occurs twice")
-    return found
-
-
-def remaining(chain: Chain, done: set[tuple[float, ...]], converged: set[tuple[float, ...]]) -> Chain | None:
-    """Return the part of a chain that still has to run, or None."""
-    missing = [i for i, values in enumerate(chain.points) if tuple(values.values()) not in done]
-    if not missing:
-        return None
-    lead_in = tuple(values for values in chain.points[: missing[0]] if tuple(values.values()) in converged)
-    return Chain(tuple(chain.points[i] for i in missing), lead_in)
-
-
 class _Table:
-    """The results that are known so far; `sweep.csv` follows every addition."""
+    """The results that are known so far; `sweep.csv` follows them."""
 
-    def __init__(self, directory: Path, keys: Sequence[str], order: Sequence[Values]) -> None:
-        self.directory, self.keys, self.order = directory, keys, order
-        self.results: dict[tuple[float, ...], Result] = {}
+    def __init__(
+        self, directory: Path, keys: Sequence[str], order: Sequence[Values], on_event: OnEvent | None = None
+    ) -> None:
+        self.directory, self.keys, self.order, self.on_event = directory, list(keys), order, on_event
+        self.results: dict[tuple[Any, ...], Result] = {}
+        self.led: set[tuple[Any, ...]] = set()
+        self.running = 0
         self.lock = threading.Lock()
+        self._next = 0.0
 
     def add(self, result: Result) -> None:
         """Take a point in, if it is better than what is known of it, or has taken its place in the same folder."""
-        at = tuple(result.data["varied"][key] for key in self.keys)
+        at = place(result.data["varied"], self.keys)
         with self.lock:
             known = self.results.get(at)
+            if result.point > 1:
+                self.led.add(at)
             if known is None or known.directory == result.directory or _worth(result) > _worth(known):
                 self.results[at] = result
-                self._write()
+                if time.monotonic() >= self._next:
+                    self._write()
+            self._tell(result)
 
-    def done(self) -> set[tuple[float, ...]]:
-        """Return the points that need not run again."""
+    def count(self, change: int) -> None:
+        """Count the processes that are running."""
         with self.lock:
-            return self._done()
+            self.running += change
 
-    def converged(self) -> set[tuple[float, ...]]:
-        """Return the points that were solved."""
-        with self.lock:
-            return {at for at, result in self.results.items() if result.failure in ("", "check")}
+    def missing(self) -> list[Values]:
+        """Return the points that have to run."""
+        done = {at for at, result in self.results.items() if result.failure not in (*in_time.RESUMABLE, "not-reached")}
+        return [values for values in self.order if place(values, self.keys) not in done]
+
+    def solved(self) -> list[Values]:
+        """Return the points that were solved, from which others can be reached."""
+        good = {at for at, result in self.results.items() if result.failure in ("", "check")}
+        return [values for values in self.order if place(values, self.keys) in good]
+
+    def alone(self) -> list[Values]:
+        """Return the points that did not converge from rest and were not yet tried from another point."""
+        bad = {at for at, result in self.results.items() if result.failure == "not-converged"} - self.led
+        return [values for values in self.order if place(values, self.keys) in bad]
 
     def write(self) -> pd.DataFrame:
         with self.lock:
             return self._write()
 
-    def _done(self) -> set[tuple[float, ...]]:
-        return {at for at, result in self.results.items() if result.failure not in in_time.RESUMABLE}
-
     def _write(self) -> pd.DataFrame:
+        begin = time.monotonic()
         table = frame(self.directory, self.keys, self.order, self.results)
         folder.write_text(self.directory / TABLE, table.to_csv(index=False))
+        units = pd.DataFrame(table.attrs["units"].items(), columns=["column", "unit"])
+        folder.write_text(self.directory / UNITS, units.to_csv(index=False))
+        took = time.monotonic() - begin
+        self._next = time.monotonic() + (took / _SHARE if took > _QUICK else 0.0)
         return table
+
+    def _tell(self, result: Result) -> None:
+        if self.on_event is None:
+            return
+        failed = sum(1 for other in self.results.values() if other.failure)
+        numbers = {"points": len(self.order), "done": len(self.results), "failed": failed, "running": self.running}
+        seconds = float(result.data.get("timings", {}).get("total") or 0.0)
+        verdict = result.verdict + (f" ({result.reason})" if result.reason else "")
+        self.on_event(
+            Event(
+                "result",
+                {**numbers, "seconds": seconds, "verdict": verdict},
+                study_definition.label(result.data["varied"]),
+            )
+        )
 
 
 def _worth(result: Result) -> tuple[int, list[int]]:
@@ -201,112 +188,120 @@ def _worth(result: Result) -> tuple[int, list[int]]:
     return result.rank, [-ord(letter) for letter in result.directory.name]
 
 
-def _run_here(
-    scene: Scene,
-    todo: Sequence[Chain],
-    folders: Sequence[Path],
-    table: _Table,
-    jobs: int,
-    on_event: OnEvent | None,
-    check: bool,
-) -> None:
-    threads = max(1, (os.cpu_count() or 1) // jobs) if jobs > 1 else 1
-    with ThreadPoolExecutor(max_workers=jobs, thread_name_prefix="ffsi-chain") as pool:
-        running: list[Future[None]] = [
-            pool.submit(_run_one, scene, chain, path, check, on_event, table.add, threads)
-            for chain, path in zip(todo, folders, strict=True)
+class _Study:
+    """Runs the missing points of a table."""
+
+    def __init__(
+        self, scene: Scene, directory: Path, table: _Table, workers: int, pool: Executor | None, cache: Cache | None,
+        check: bool,
+    ) -> None:  # fmt: skip
+        self.scene, self.directory, self.table, self.workers = scene, directory, table, workers
+        self.pool, self.cache, self.check = pool, cache, check
+        self.stop = Stop()
+        self._folders = threading.Lock()
+
+    def run(self, on_event: OnEvent | None) -> None:
+        """Run what is missing; then, from their nearest solved neighbours, points that do not converge from rest."""
+        if self.cache is not None:
+            self._take_from_cache()
+        self._run(plan(self.scene, self.table.missing(), self.workers), on_event)
+        if self.scene.time is None and (alone := self.table.alone()):
+            self._run([piece for values in alone if (piece := self._led(values))], on_event, leads=1)
+        if self.cache is not None:
+            for result in self.table.results.values():
+                self.cache.keep(result)
+
+    def _take_from_cache(self) -> None:
+        assert self.cache is not None
+        for values in self.table.missing():
+            if self.cache.knows(self.scene, values):
+                chain = self.new_folder()
+                self.cache.copy(self.scene, values, chain)
+                for result in harvest(self.scene, chain, self.table.keys, check=self.check):
+                    self.table.add(result)
+
+    def _led(self, values: Values) -> Piece:
+        """Return a point behind the nearest solved one that has its script and mesh; nothing if there is none."""
+        keys = run_time_keys(self.scene, values)
+        fixed = {key: value for key, value in values.items() if key not in keys}
+        near = [
+            other
+            for other in self.table.solved()
+            if other.keys() == values.keys() and fixed.items() <= other.items() and other != values
         ]
+        return [nearest(values, near, keys), values] if near else []
+
+    def _run(self, pieces: Sequence[Piece], on_event: OnEvent | None, leads: int = 0) -> None:
+        if not pieces:
+            return
+        begun = {} if self.scene.steady else self._begun()
+        work: Callable[[Piece], None]
+        if self.pool is None:
+            threads = max(1, (os.cpu_count() or 1) // self.workers) if self.workers > 1 else 1
+
+            def work(piece: Piece) -> None:
+                self.table.count(1)
+                first = begun.get(place(piece[0], self.table.keys))
+                new = [self.new_folder() if first is None else first]
+                run_piece(
+                    self.scene, piece, lambda: new.pop() if new else self.new_folder(), check=self.check, leads=leads,
+                    on_event=on_event, on_result=self.table.add, threads=threads, stop=self.stop,
+                )  # fmt: skip
+                self.table.count(-1)
+
+            with ThreadPoolExecutor(max_workers=self.workers, thread_name_prefix="ffsi-chain") as pool:
+                self._wait({pool.submit(work, piece): piece for piece in pieces}, pool, lambda _: None)
+            return
+        tasks = {self.pool.submit(remote.work, remote.task(self.scene, p, self.check, leads)): p for p in pieces}
+        lost = self._wait(tasks, self.pool, self._fetch)
+        if lost:  # by an executor that is of no use any more
+            logger.warning("%d pieces were lost with their workers; they run on this machine", len(lost))
+            self.pool = None
+            find_freefem()
+            self._run(lost, on_event, leads)
+
+    def _wait(self, tasks: Mapping[Future[Any], Piece], pool: Executor, take: Callable[[Any], None]) -> list[Piece]:
+        """Wait for pieces; return those whose workers died. Whatever else happens ends them all."""
+        lost = []
         try:
-            for job in as_completed(running):
-                job.result()
+            for job in as_completed(tasks):
+                try:
+                    take(job.result())
+                except remote.LOST as error:
+                    logger.warning("a worker died: %s", error)
+                    lost.append(tasks[job])
         except BaseException:  # Ctrl-C reaches this thread only
-            pool.shutdown(wait=False, cancel_futures=True)
+            self.stop.set()
+            for job in tasks:
+                job.cancel()
             stop_all()
             raise
+        return lost
 
+    def _fetch(self, chains: Sequence[Mapping[str, bytes]]) -> None:
+        """Write the chains that a worker has sent, and take their points in."""
+        for files in chains:
+            chain = self.new_folder()
+            for name, data in files.items():
+                (chain / name).write_bytes(data)
+            for result in harvest(self.scene, chain, self.table.keys, check=self.check):
+                self.table.add(result)
 
-def _run_on_dask(
-    scene: Scene, todo: Sequence[Chain], folders: Sequence[Path], table: _Table, address: str, check: bool
-) -> None:
-    try:
-        from distributed import Client
-        from distributed import as_completed as done
-    except ImportError as error:
-        raise InputError("--dask needs the package distributed: pip install distributed") from error
-    try:
-        client = Client(address, timeout="10s")
-    except (OSError, ValueError, TimeoutError) as error:
-        raise InputError(f"no dask scheduler at {address}: {error}") from error
-    with client:
-        jobs = [
-            client.submit(_run_remotely, tomli_w.dumps(scene.given()), chain, str(path), check, pure=False)
-            for chain, path in zip(todo, folders, strict=True)
-        ]
-        for job in done(jobs):
-            for result in harvest(scene, Path(job.result()), table.keys, check=check):
-                table.add(result)
+    def new_folder(self) -> Path:
+        """Make the folder of another chain."""
+        with self._folders:
+            numbers = [int(path.name.rpartition("-")[2]) for path in chains_of(self.directory)]
+            path = self.directory / f"chain-{max(numbers, default=0) + 1:03d}"
+            path.mkdir()
+            return path
 
-
-def _run_remotely(toml: str, chain: Chain, path: str, check: bool) -> str:
-    """Run a chain on a dask worker; the results travel through the shared folder."""
-    directory = Path(path)
-    directory.mkdir(parents=True, exist_ok=True)
-    source = directory.with_suffix(".toml")
-    folder.write_text(source, toml)
-    _run_one(load_scene(str(source), []), chain, directory, check, None, None, 1)
-    source.unlink()
-    return path
-
-
-def _run_one(
-    scene: Scene,
-    chain: Chain,
-    path: Path,
-    check: bool,
-    on_event: OnEvent | None,
-    on_result: OnResult | None,
-    threads: int,
-) -> None:
-    run = partial(run_chain, scene, out=path, check=check, on_event=on_event, threads=threads)
-    results: list[Result] = []
-    if not scene.steady and folder.is_run_folder(path):
-        try:
-            results = run(chain.points, on_result=on_result, resume=True)
-        except InputError as error:  # what lies there cannot be believed
-            logger.warning("%s. The point is computed anew", error)
-    if not results:
-        results = run(chain.points, on_result=on_result)
-    if not chain.lead_in or results[0].failure != "not-converged":
-        return
-    logger.info("%s: the first point does not converge from rest, going through the points before it again", path)
-
-    def report(result: Result) -> None:
-        if on_result is not None and result.point > len(chain.lead_in):
-            on_result(result)
-
-    run((*chain.lead_in, *chain.points), on_result=report)
-
-
-def _folders(scene: Scene, directory: Path, todo: Sequence[Chain]) -> list[Path]:
-    """Return where each chain runs: in a new folder, or, in time, in the one where an earlier call has begun it."""
-    begun = {} if scene.steady or not todo else _begun(directory, list(todo[0].points[0]))
-    new = iter(_new_folders(directory, len(todo)))
-    return [begun.get(tuple(chain.points[0].values())) or next(new) for chain in todo]
-
-
-def _begun(directory: Path, keys: Sequence[str]) -> dict[tuple[float, ...], Path]:
-    """Return the chains in time that have begun and not ended, by the values of their point."""
-    found = {}
-    for path in chains_of(directory):
-        if not (path / folder.CHAIN).is_file() or not folder.is_run_folder(path) or folder.is_held(path):
-            continue
-        result = path / folder.numbered(folder.RESULT, 1)
-        if not result.is_file() or folder.read_json(result).get("failure") in in_time.RESUMABLE:
-            found[tuple(points_of(path, keys)[0].values())] = path
-    return found
-
-
-def _new_folders(directory: Path, count: int) -> list[Path]:
-    numbers = [int(path.name.rpartition("-")[2]) for path in chains_of(directory)]
-    start = max(numbers, default=0) + 1
-    return [directory / f"chain-{start + i:03d}" for i in range(count)]
+    def _begun(self) -> dict[tuple[Any, ...], Path]:
+        """Return the chains in time that have begun and not ended, by the values of their point."""
+        found = {}
+        for path in chains_of(self.directory):
+            if not (path / folder.CHAIN).is_file() or not folder.is_run_folder(path) or folder.is_held(path):
+                continue
+            result = path / folder.numbered(folder.RESULT, 1)
+            if not result.is_file() or folder.read_json(result).get("failure") in in_time.RESUMABLE:
+                found[place(points_of(path, self.table.keys)[0], self.table.keys)] = path
+        return found

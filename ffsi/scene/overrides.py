@@ -10,6 +10,7 @@ from typing import Any
 from ffsi.scene.errors import Problem, SceneError, of_type, short
 from ffsi.scene.flow import VELOCITIES, WAVEFORMS
 from ffsi.scene.fluids import LAWS
+from ffsi.scene.lookup import plain
 from ffsi.scene.materials import ELASTIC_CONSTANTS, ELASTIC_PAIRS, MATERIALS, PAIRS_TEXT, CompressibleElastic, Elastic
 from ffsi.scene.model import Scene
 from ffsi.scene.outlet import OUTLETS, PRESSURES
@@ -134,7 +135,7 @@ def _put(table: dict[str, Any], key: str, value: Any) -> list[Problem]:
     if value is None and last in table:
         del table[last]
         return []
-    table[last] = copy.deepcopy(value)
+    table[last] = copy.deepcopy(plain(value))
     return []
 
 

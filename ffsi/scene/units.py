@@ -175,7 +175,12 @@ class Quantity(Checked):
                 number = to_si(value, self.unit)
             except ValueError as error:
                 raise self.refused(str(error)) from None
-        elif isinstance(value, bool) or not isinstance(value, numbers.Real):
+        elif hasattr(value, "magnitude"):  # a quantity of pint, of whatever registry
+            try:
+                number = float(value.to(_canonical(self.unit)).magnitude)
+            except (pint.PintError, TypeError, ValueError):
+                raise self.refused("the unit does not fit") from None
+        elif isinstance(value, bool) or not isinstance(value, numbers.Real | Decimal):
             raise self.refused("not a number")
         else:
             try:

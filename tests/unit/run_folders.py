@@ -112,6 +112,7 @@ class FakeFreeFEM:
     def __init__(self) -> None:
         self.fail: float | None = None
         self.die: float | None = None
+        self.death = "crash"
         self.solved: list[float] = []
         self.needs_neighbour = False
 
@@ -130,7 +131,7 @@ class FakeFreeFEM:
             parameters = scene.parameters() | values
             velocity = parameters["inflow.mean_velocity"]
             if velocity == self.die:
-                raise FreeFEMError("crash", "signal 11, SIGSEGV", log=log)
+                raise FreeFEMError(self.death, "signal 11, SIGSEGV", log=log)
             far = self.needs_neighbour and number == 1 and velocity > 0.05
             if velocity == self.fail or far:
                 write_state(out / "failed.bin", given_state(mesh, 0.5))

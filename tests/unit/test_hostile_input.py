@@ -17,7 +17,7 @@ from ffsi.files import folder, reading
 from ffsi.files.errors import InputError
 from ffsi.freefem import FreeFEMError
 from ffsi.freefem.output import Output
-from ffsi.run import sweep
+from ffsi.run.design import columns_of
 from ffsi.scene import Scene, SceneError, load_scene
 from ffsi.scene.overrides import parse_overrides
 from ffsi.text import cut, listed, nearest, printable
@@ -52,7 +52,6 @@ def is_clean(text: str) -> bool:
         ("k=sNaN", "not finite"),
         ("k=-inf", "not finite"),
         ("k=" + ",".join(map(str, range(100_001))), "more than 100000"),
-        ("k" * 50 + "=x", "no number"),
         ("k=" + "x" * 5000, "characters"),
     ],
 )
@@ -68,11 +67,10 @@ def test_a_zero_with_an_exponent_is_zero():
     assert vary.parse_vary("k=0e99999999:1:0.5") == ("k", [0, 0.5, 1.0])
 
 
-@pytest.mark.parametrize("make", [vary.parse_all, lambda texts: sweep.plan(load_scene("flap-svk"), {
-    "inflow.mean_velocity": range(1, 100_001), "fluid.viscosity": range(1, 100_001)})])  # fmt: skip
-def test_a_product_is_counted_before_it_is_made(make):
+def test_a_product_is_counted_before_it_is_made():
+    many = ["inflow.mean_velocity=1:100000:1", "fluid.viscosity=1:100000:1"]
     with pytest.raises(InputError, match="100000 x 100000 = about 1e10 points, more than 100000"):
-        make(["inflow.mean_velocity=1:100000:1", "fluid.viscosity=1:100000:1"])
+        columns_of(load_scene("flap-svk"), vary.parse_all(many))
 
 
 @pytest.mark.parametrize("key", ["mesh.level", "solver.max_iterations", "inflow.mean_velocity", "name", "output.vtu"])

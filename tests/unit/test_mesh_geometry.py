@@ -11,7 +11,7 @@ import tomli_w
 from vessel_meshes import CURVES, INNER, LUMEN, OUTER, TURN, WALL_REGION, scene_table, vessel, write_scene
 
 from ffsi.cli.main import main
-from ffsi.result.sweep_definition import define
+from ffsi.result.study_definition import define
 from ffsi.scene import MeshGeometry, Scene, SceneError, boundaries, load_scene, stored
 from ffsi.scene.geometry.mesh import STORED, TAKEN
 from ffsi.scene.meshes.topology import Topology, refuse_overlaps
@@ -335,7 +335,7 @@ def test_render_writes_the_mesh_beside_the_script(scene, tmp_path, capsys) -> No
 
 
 def test_a_sweep_knows_its_mesh(scene, tmp_path) -> None:
-    vary = {"inflow.mean_velocity": [0.01, 0.02]}
+    vary = {"design": "product", "vary": {"inflow.mean_velocity": [0.01, 0.02]}}
     assert define(scene, vary)["mesh"] == scene.geometry.digest
     assert "mesh" not in define(load_scene("flap-svk"), vary)
 

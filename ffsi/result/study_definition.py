@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import hashlib
+import itertools
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import tomli_w
 
@@ -14,14 +15,38 @@ from ffsi.files import folder
 from ffsi.files.errors import InputError
 from ffsi.files.reading import LONGEST_TABLE, read_bytes
 from ffsi.scene import MeshGeometry, Scene
+from ffsi.scene.lookup import Scalar
+
+Values = dict[str, Scalar]
+"""The varied values of one point, in SI, by dotted key; a key that it leaves as the scene has it is absent."""
+
+Design = Literal["product", "zip", "latin-hypercube", "sobol"]
 
 _SUM = "# sha256 "
 
 
-def define(scene: Scene, vary: Mapping[str, Sequence[float]]) -> dict[str, Any]:
-    """Return what `sweep.toml` holds of a sweep."""
-    table = {key: list(values) for key, values in vary.items()}
-    definition: dict[str, Any] = {"vary": table, "scene": tomllib.loads(scene.to_toml())}
+def points_of(definition: Mapping[str, Any]) -> list[Values]:
+    """Return the points of a study: the product of the values of `vary`, the last key changing fastest, or its rows."""
+    vary = definition["vary"]
+    if definition.get("design") == "product":
+        return [dict(zip(vary, values, strict=True)) for values in itertools.product(*vary.values())]
+    rows = zip(*vary.values(), strict=True)
+    return [{key: value for key, value in zip(vary, row, strict=True) if value != ""} for row in rows]
+
+
+def shown(value: Scalar) -> str:
+    """Return a varied value as people read it."""
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def label(values: Mapping[str, Scalar]) -> str:
+    """Return a point in words, such as `mesh.level = 1, inflow.profile = uniform`."""
+    return ", ".join(f"{key} = {shown(value)}" for key, value in values.items())
+
+
+def define(scene: Scene, varied: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what `sweep.toml` holds of a sweep: `varied` is its `design` and `vary`."""
+    definition: dict[str, Any] = {**varied, "scene": tomllib.loads(scene.to_toml())}
     if isinstance(scene.geometry, MeshGeometry):
         definition["mesh"] = scene.geometry.digest  # the file may have changed
     return definition

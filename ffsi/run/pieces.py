@@ -1,0 +1,86 @@
+"""One piece of a study: its points in one FreeFEM process, and in another one again behind each that fails."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+from ffsi.files import folder
+from ffsi.files.errors import InputError
+from ffsi.freefem.events import OnEvent
+from ffsi.hemodynamics.result import Result
+from ffsi.run.chain import OnResult, run_chain
+from ffsi.run.plan import Piece
+from ffsi.scene import Scene
+
+logger = logging.getLogger(__name__)
+
+Stop = threading.Event
+
+_OF_THE_MACHINE = ("killed", "disk-full", "missing-binary", "missing-plugin", "syntax")
+"""Kinds of death of a process that the next point would share."""
+
+
+def run_piece(
+    scene: Scene,
+    piece: Piece,
+    new_folder: Callable[[], Path],
+    *,
+    check: bool,
+    leads: int = 0,
+    on_event: OnEvent | None = None,
+    on_result: OnResult | None = None,
+    threads: int = 1,
+    stop: Stop | None = None,
+) -> None:
+    """Solve points, each from the solution before it; behind one that fails the rest begins anew, from rest.
+
+    Args:
+        scene: where all other values come from.
+        piece: the points.
+        new_folder: returns the folder of the next chain.
+        check: verify every point.
+        leads: the first points that only lead to the others; not reported.
+        on_event: as of `run_chain`.
+        on_result: called with every Result but those of points that begin anew.
+        threads: of the linear algebra.
+        stop: when set, nothing more is begun.
+    """
+    rest = list(piece)
+    while rest and not (stop is not None and stop.is_set()):
+        waiting: list[Result] = []
+        report = partial(_report, leads=leads, waiting=waiting, on_result=on_result)
+        results = _run(scene, rest, new_folder(), check, on_event, report, threads)
+        bad = next((i for i, result in enumerate(results) if result.failure not in ("", "check")), len(results))
+        of_the_machine = bad < len(results) and any(f"({kind})" in results[bad].reason for kind in _OF_THE_MACHINE)
+        if bad < leads or scene.time is not None or of_the_machine:
+            for result in waiting:
+                if on_result is not None and result.point > max(leads, bad + 1):
+                    on_result(result)
+            return
+        rest, leads = rest[bad + 1 :], 0
+
+
+def _report(result: Result, *, leads: int, waiting: list[Result], on_result: OnResult | None) -> None:
+    """Pass a result on, unless its point begins anew."""
+    if result.failure == "not-reached" or (result.failure == "crash" and waiting):
+        waiting.append(result)
+    elif on_result is not None and result.point > leads:
+        on_result(result)
+        if result.failure == "crash":
+            waiting.append(result)
+
+
+def _run(
+    scene: Scene, piece: Piece, path: Path, check: bool, on_event: OnEvent | None, on_result: OnResult, threads: int
+) -> list[Result]:
+    run = partial(run_chain, scene, piece, path, check=check, on_event=on_event, on_result=on_result, threads=threads)
+    if not scene.steady and folder.is_run_folder(path):
+        try:
+            return run(resume=True)
+        except InputError as error:  # what lies there cannot be believed
+            logger.warning("%s. The point is computed anew", error)
+    return run()
