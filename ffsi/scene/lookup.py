@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from decimal import Decimal
 from typing import Any, get_args, get_origin
 
-from ffsi.scene.annotations import members, of_field
 from ffsi.scene.base import Table
 from ffsi.scene.model import Scene
 from ffsi.scene.units import Count, Quantity
+from ffsi.scene.validation import members, of_field
 
 Scalar = float | int | bool | str
 
