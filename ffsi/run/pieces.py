@@ -1,4 +1,4 @@
-"""One piece of a study: its points in one FreeFEM process, and in another one again behind each that fails."""
+"""One piece of a study: its points in one FreeFEM process, and in another one behind each that fails."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ffsi.files.errors import InputError
 from ffsi.freefem.events import OnEvent
 from ffsi.hemodynamics.result import Result
 from ffsi.run.chain import OnResult, run_chain
-from ffsi.run.plan import Piece
+from ffsi.run.plan import Piece, beyond
 from ffsi.scene import Scene
 
 logger = logging.getLogger(__name__)
@@ -36,32 +36,37 @@ def run_piece(
     threads: int = 1,
     stop: Stop | None = None,
 ) -> None:
-    """Solve points, each from the solution before it; behind one that fails the rest begins anew, from rest.
+    """Solve points, each from the solution before it; behind one that fails the rest goes on from the one before.
+
+    Behind two that fail one after the other, those straight beyond, on the way from the one before, are not tried.
 
     Args:
         scene: where all other values come from.
         piece: the points.
         new_folder: returns the folder of the next chain.
         check: verify every point.
-        leads: the first points that only lead to the others; not reported.
+        leads: 1 if the first point only leads to the others, and is not reported.
         on_event: as of `run_chain`.
-        on_result: called with every Result but those of points that begin anew.
+        on_result: called with every Result but those of points that are tried again.
         threads: of the linear algebra.
         stop: when set, nothing more is begun.
     """
-    rest = list(piece)
-    while rest and not (stop is not None and stop.is_set()):
+    rest, failed = list(piece), 0
+    while len(rest) > leads and not (stop is not None and stop.is_set()):
         waiting: list[Result] = []
         report = partial(_report, leads=leads, waiting=waiting, on_result=on_result)
         results = _run(scene, rest, new_folder(), check, on_event, report, threads)
         bad = next((i for i, result in enumerate(results) if result.failure not in ("", "check")), len(results))
         of_the_machine = bad < len(results) and any(f"({kind})" in results[bad].reason for kind in _OF_THE_MACHINE)
-        if bad < leads or scene.time is not None or of_the_machine:
-            for result in waiting:
-                if on_result is not None and result.point > max(leads, bad + 1):
-                    on_result(result)
-            return
-        rest, leads = rest[bad + 1 :], 0
+        lead = rest[bad - 1] if bad else None
+        again = [] if scene.time is not None or of_the_machine else rest[max(bad + 1, leads) :]
+        failed = failed + 1 if bad == leads else 1
+        if lead is not None and failed > 1:
+            again = [values for values in again if not beyond(values, rest[bad], lead)]
+        for result in waiting:
+            if on_result is not None and result.point > max(leads, bad + 1) and rest[result.point - 1] not in again:
+                on_result(result)
+        rest, leads = ([lead, *again], 1) if lead is not None else (again, 0)
 
 
 def _report(result: Result, *, leads: int, waiting: list[Result], on_result: OnResult | None) -> None:

@@ -59,21 +59,35 @@ def run_time_keys(scene: Scene, values: Values) -> list[str]:
     return [key for key in values if kinds.get(key) == 1]
 
 
-def in_order(group: Sequence[Values], keys: Sequence[str]) -> Piece:
-    """Return points so that each is followed by the nearest of the rest, in parts of the range of each key."""
+def in_order(group: Sequence[Values], keys: Sequence[str], first: int | None = None) -> Piece:
+    """Return points so that each is followed by the nearest of the rest, in parts of the range of each key.
+
+    Args:
+        group: the points.
+        keys: that vary between them.
+        first: the first one; None: that of the smallest values.
+    """
     if not keys:
         return list(group)
     at = scaled(group, keys)
-    order = list(np.lexsort(at.T[::-1]))
-    if len(group) <= _ORDERED_BY_DISTANCE:
-        left, at_left = order, at[order]
-        order, here = [], 0
-        while left:
-            place, here_at = left.pop(here), at_left[here]
-            order.append(place)
-            at_left = np.delete(at_left, here, axis=0)
-            here = int(np.argmin(((at_left - here_at) ** 2).sum(axis=1))) if left else 0
+    left = [int(i) for i in np.lexsort(at.T[::-1])]
+    if len(group) > _ORDERED_BY_DISTANCE:
+        return [group[i] for i in left]
+    order = [left.pop(left.index(first) if first is not None else 0)]
+    while left:
+        distances = ((at[left] - at[order[-1]]) ** 2).sum(axis=1)
+        order.append(left.pop(int(np.argmin(distances))))
     return [group[i] for i in order]
+
+
+def beyond(values: Values, failed: Values, solved: Values) -> bool:
+    """Return whether the way from a solved point to `values` leads through a failed one: all differ in one key."""
+    keys = [key for key in solved if solved[key] != failed.get(key)]
+    if len(keys) != 1 or any(values.get(key) != failed.get(key) for key in (*solved, *values) if key not in keys):
+        return False
+    at, wall, start = (point[keys[0]] for point in (values, failed, solved))
+    numbers = not any(isinstance(value, str) for value in (at, wall, start))
+    return numbers and (float(wall) - float(start)) * (float(at) - float(wall)) > 0
 
 
 def nearest(values: Values, others: Sequence[Values], keys: Sequence[str]) -> Values:

@@ -26,7 +26,7 @@ from ffsi.run.cache import Cache
 from ffsi.run.design import columns_of
 from ffsi.run.harvest import chains_of, harvest, points_of
 from ffsi.run.pieces import Stop, run_piece
-from ffsi.run.plan import Piece, nearest, plan, run_time_keys
+from ffsi.run.plan import Piece, beyond, in_order, nearest, plan, run_time_keys
 from ffsi.scene import Scene, scene_of
 
 logger = logging.getLogger(__name__)
@@ -141,7 +141,18 @@ class _Table:
     def missing(self) -> list[Values]:
         """Return the points that have to run."""
         done = {at for at, result in self.results.items() if result.failure not in (*in_time.RESUMABLE, "not-reached")}
-        return [values for values in self.order if place(values, self.keys) not in done]
+        unreached = {at for at, result in self.results.items() if result.failure == "not-reached"}
+        found = [values for values in self.order if place(values, self.keys) not in done]
+        if unreached:  # a kill may have come before they were tried again
+            failed = [result.data["varied"] for result in self.results.values() if result.failure == "not-converged"]
+            solved = self.solved()
+            found = [
+                values
+                for values in found
+                if place(values, self.keys) not in unreached
+                or sum(any(beyond(values, wall, start) for start in solved) for wall in failed) < 2
+            ]
+        return found
 
     def solved(self) -> list[Values]:
         """Return the points that were solved, from which others can be reached."""
@@ -206,7 +217,7 @@ class _Study:
             self._take_from_cache()
         self._run(plan(self.scene, self.table.missing(), self.workers), on_event)
         if self.scene.time is None and (alone := self.table.alone()):
-            self._run([piece for values in alone if (piece := self._led(values))], on_event, leads=1)
+            self._run(self._led(alone), on_event, leads=1)
         if self.cache is not None:
             for result in self.table.results.values():
                 self.cache.keep(result)
@@ -220,16 +231,21 @@ class _Study:
                 for result in harvest(self.scene, chain, self.table.keys, check=self.check):
                     self.table.add(result)
 
-    def _led(self, values: Values) -> Piece:
-        """Return a point behind the nearest solved one that has its script and mesh; nothing if there is none."""
-        keys = run_time_keys(self.scene, values)
-        fixed = {key: value for key, value in values.items() if key not in keys}
-        near = [
-            other
-            for other in self.table.solved()
-            if other.keys() == values.keys() and fixed.items() <= other.items() and other != values
+    def _led(self, alone: Sequence[Values]) -> list[Piece]:
+        """Return points behind the nearest solved ones with their script and mesh, those of one such in one piece."""
+        pieces: dict[int, Piece] = {}
+        solved = self.table.solved()
+        for values in alone:
+            keys = run_time_keys(self.scene, values)
+            fixed = {key: value for key, value in values.items() if key not in keys}
+            near = [other for other in solved if other.keys() == values.keys() and fixed.items() <= other.items()]
+            if near:
+                lead = nearest(values, near, keys)
+                pieces.setdefault(id(lead), [lead]).append(values)
+        return [
+            [lead, *(rest if len(rest) == 1 else in_order([lead, *rest], run_time_keys(self.scene, lead), first=0)[1:])]
+            for lead, *rest in pieces.values()
         ]
-        return [nearest(values, near, keys), values] if near else []
 
     def _run(self, pieces: Sequence[Piece], on_event: OnEvent | None, leads: int = 0) -> None:
         if not pieces:

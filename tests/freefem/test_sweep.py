@@ -98,27 +98,26 @@ def test_two_parameters(tmp_path):
         list(pair) for pair in itertools.product(*grid.values())
     ]
     assert table["status"].tolist() == ["converged"] * 4
-    assert table["folder"].tolist() == ["chain-001"] * 2 + ["chain-002"] * 2
+    assert table["folder"].tolist() == ["chain-001"] * 4
     assert (table["check_maximum"] < 1e-8).all()
     # A flow of twice the viscosity drags more.
     assert (table["drag"].to_numpy()[2:] > table["drag"].to_numpy()[:2]).all()
     meshes = [read_mesh(path) for path in sorted((tmp_path / "sweep").rglob("mesh.bin"))]
-    assert len(meshes) == 2
-    assert (meshes[0].vertices == meshes[1].vertices).all()
+    assert len(meshes) == 1
 
 
 @pytest.fixture(scope="module")
 def collapsed(tmp_path_factory):
     """A finely resolved root: St. Venant-Kirchhoff collapses there between 0.06 and 0.12 m/s."""
     folder = tmp_path_factory.mktemp("sweep") / "collapse"
-    table = sweep(scene_of("flap-svk", "mesh.root_size=0.0025"), {VELOCITY: [0.06, 0.12, 0.13]}, folder)
+    table = sweep(scene_of("flap-svk", "mesh.root_size=0.0025"), {VELOCITY: [0.06, 0.12]}, folder)
     return table, folder
 
 
 def test_a_collapsed_solid_is_named_with_its_place(collapsed):
     table, _ = collapsed
-    assert table["status"].tolist() == ["converged", "failed", "failed"]
-    assert table["failure"].tolist() == ["", "not-converged", "not-converged"]
+    assert table["status"].tolist() == ["converged", "failed"]
+    assert table["failure"].tolist() == ["", "not-converged"]
     reason = table["reason"][1]
     found = re.search(r"the solid flap has collapsed at \(([-0-9.e]+), ([-0-9.e]+)\): J = ([0-9.]+)", reason)
     assert found, reason
@@ -143,6 +142,6 @@ def test_what_was_solved_before_the_collapse_is_kept(collapsed):
 def test_points_that_failed_are_not_tried_again(collapsed):
     before, folder = collapsed
     chains = sorted(path.name for path in folder.iterdir())
-    after = sweep(scene_of("flap-svk", "mesh.root_size=0.0025"), {VELOCITY: [0.06, 0.12, 0.13]}, folder)
+    after = sweep(scene_of("flap-svk", "mesh.root_size=0.0025"), {VELOCITY: [0.06, 0.12]}, folder)
     assert sorted(path.name for path in folder.iterdir()) == chains
     assert after["reason"].tolist() == before["reason"].tolist()

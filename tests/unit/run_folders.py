@@ -1,6 +1,7 @@
 """Small run folders made without FreeFEM: a structured P2 mesh, given fields, and a stand-in for the process."""
 
 import json
+import math
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -111,6 +112,7 @@ class FakeFreeFEM:
 
     def __init__(self) -> None:
         self.fail: float | None = None
+        self.limit = math.inf
         self.die: float | None = None
         self.death = "crash"
         self.solved: list[float] = []
@@ -133,7 +135,7 @@ class FakeFreeFEM:
             if velocity == self.die:
                 raise FreeFEMError(self.death, "signal 11, SIGSEGV", log=log)
             far = self.needs_neighbour and number == 1 and velocity > 0.05
-            if velocity == self.fail or far:
+            if velocity == self.fail or velocity > self.limit or far:
                 write_state(out / "failed.bin", given_state(mesh, 0.5))
                 (out / "failed.json").write_text(point_json(scene.name, number, parameters, "failed", "J too small"))
                 return Completed("failed", 3, 0.1, "J too small", (), {}, 0, log)

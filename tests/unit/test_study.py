@@ -2,6 +2,7 @@
 
 import itertools
 import json
+import shutil
 import tomllib
 from decimal import Decimal
 from pathlib import Path
@@ -16,7 +17,7 @@ from ffsi.files.errors import InputError
 from ffsi.hemodynamics.result import Result
 from ffsi.run import sweep as study
 from ffsi.run.design import columns_of
-from ffsi.run.plan import plan
+from ffsi.run.plan import beyond, plan
 from ffsi.run.sweep import sweep
 from ffsi.scene import SceneError, load_scene
 
@@ -261,7 +262,7 @@ def test_after_a_crash_only_the_rest_runs(tmp_path, freefem):
     freefem.die = None
     table = sweep(SCENE, {KEY: [0.01, 0.02, 0.03, 0.04]}, tmp_path / "sweep")
     assert table["status"].tolist() == ["converged"] * 4
-    assert freefem.solved == [0.01, 0.02, 0.04, 0.03]
+    assert freefem.solved == [0.01, 0.02, 0.02, 0.04, 0.03]
     assert table["folder"].tolist() == ["chain-001", "chain-001", "chain-003", "chain-002"]
 
 
@@ -288,7 +289,33 @@ def test_points_that_do_not_converge_have_a_row_and_are_not_tried_again(tmp_path
         assert table["status"].tolist() == ["converged", "failed", "converged"]
         assert table["reason"].tolist()[1] == "J too small"
         assert table["failure"].tolist() == ["", "not-converged", ""]
-    assert freefem.solved == [0.01, 0.03]
+    assert freefem.solved == [0.01, 0.01, 0.03]
+
+
+def test_of_points_straight_beyond_two_that_fail_none_is_tried(tmp_path, freefem):
+    freefem.limit = 0.025
+    vary = {KEY: [0.01, 0.02, 0.03, 0.04, 0.05, 0.06]}
+    for _ in range(2):
+        table = sweep(SCENE, vary, tmp_path / "sweep")
+        assert table["failure"].tolist() == ["", "", *["not-converged"] * 2, *["not-reached"] * 2]
+        assert table["reason"].tolist()[-1].startswith("not reached: point ")
+    assert freefem.solved == [0.01, 0.02, 0.02]
+    shutil.rmtree(tmp_path / "sweep" / "chain-002")  # as if a kill had come before the second one was tried
+    assert sweep(SCENE, vary, tmp_path / "sweep")["status"].tolist() == table["status"].tolist()
+
+
+def test_behind_a_point_that_fails_the_rest_goes_on_from_the_one_before(tmp_path, freefem):
+    freefem.fail = 0.02
+    vary = {KEY: [0.01, 0.02, 0.03], "fluid.viscosity": [1e-3, 2e-3]}
+    for _ in range(2):
+        table = sweep(SCENE, vary, tmp_path / "sweep")
+        assert table["failure"].tolist() == ["", "", "not-converged", "not-converged", "", ""]
+        assert sorted({*freefem.solved}) == [0.01, 0.03]
+    for chain in (tmp_path / "sweep").glob("chain-*"):  # as if a kill had come when nothing was tried again
+        if chain.name != "chain-001":
+            shutil.rmtree(chain)
+    again = sweep(SCENE, vary, tmp_path / "sweep")
+    assert again["failure"].tolist() == table["failure"].tolist()
 
 
 def test_points_that_fail_from_rest_and_from_their_neighbour_are_not_tried_again(tmp_path, freefem):
@@ -297,6 +324,18 @@ def test_points_that_fail_from_rest_and_from_their_neighbour_are_not_tried_again
         table = sweep(SCENE, {KEY: [0.01, 0.02, 0.03]}, tmp_path / "sweep")
         assert table["failure"].tolist() == ["not-converged", "", ""]
     assert freefem.solved == [0.02, 0.03, 0.02]
+
+
+@pytest.mark.parametrize(
+    ("values", "is_beyond"),
+    [
+        ({"a": 3.0, "b": 1.0}, True), ({"a": 1.5, "b": 1.0}, False), ({"a": 0.5, "b": 1.0}, False),
+        ({"a": 3.0, "b": 2.0}, False), ({"a": 3.0}, False),
+    ],
+)  # fmt: skip
+def test_beyond_a_failed_point_is_what_lies_on_one_line(values, is_beyond):
+    assert beyond(values, {"a": 2.0, "b": 1.0}, {"a": 1.0, "b": 1.0}) == is_beyond
+    assert not beyond(values, {"a": 2.0, "b": 2.0}, {"a": 1.0, "b": 1.0})
 
 
 def test_a_killed_sweep_is_picked_up_from_the_files_of_its_complete_points(tmp_path, freefem):
