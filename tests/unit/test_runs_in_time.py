@@ -360,7 +360,7 @@ def test_every_point_in_time_is_a_run_of_its_own(tmp_path, in_time):
     assert table["folder"].tolist() == ["chain-001", "chain-002"]
     assert table["status"].tolist() == ["converged"] * 2
     assert table["tip_uy_amplitude"].tolist() == pytest.approx([0.03] * 2, rel=1e-3)
-    history = load_history(tmp_path / "s" / "chain-001")
+    history = load_result(tmp_path / "s" / "chain-001").history
     for part, value in (
         ("min", min(history["tip_uy"])),
         ("max", max(history["tip_uy"])),
