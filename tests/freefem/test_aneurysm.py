@@ -229,11 +229,16 @@ def test_walls_without_support_move_by_more_than_the_vessel_s_width(tmp_path: Pa
     assert max(np.hypot(*state.u[walls].T).max() for state in states) > RADII[1] - RADII[0]
 
 
-def test_the_sums_survive_a_kill(tmp_path: Path) -> None:
-    scene = pulsatile(output_interval=0.25, checkpoint_interval=0.04)
-    whole = checked(solve(scene, tmp_path / "whole"))
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory) -> Result:
+    scene = pulsatile(output_interval=0.125, checkpoint_interval=0.04)
+    plain = scene.model_copy(update={"output": scene.output.model_copy(update={"vtu": True})})
+    return checked(solve(plain, tmp_path_factory.mktemp("pulsatile") / "run"))
+
+
+def test_the_sums_survive_a_kill(whole: Result, tmp_path: Path) -> None:
     toml = tmp_path / "scene.toml"
-    toml.write_text(scene.to_toml())
+    toml.write_text(pulsatile(output_interval=0.125, checkpoint_interval=0.04).to_toml())
     run = tmp_path / "run"
     words = [*COMMAND, "run", str(toml), "--out", str(run)]
     process = subprocess.Popen(words, start_new_session=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
@@ -248,13 +253,10 @@ def test_the_sums_survive_a_kill(tmp_path: Path) -> None:
     assert (run / "wall-0002.bin").read_bytes() == (whole.directory / "wall-0002.bin").read_bytes()
 
 
-def test_the_last_state_holds_the_indices_of_the_last_cycle(tmp_path: Path) -> None:
-    scene = pulsatile(output_interval=0.125)
-    plain = scene.model_copy(update={"output": scene.output.model_copy(update={"vtu": True})})
-    result = checked(solve(plain, tmp_path / "run"))
-    first, last = (meshio.read(path).point_data for path in sorted((tmp_path / "run").glob("fields-*.vtu")))
+def test_the_last_state_holds_the_indices_of_the_last_cycle(whole: Result) -> None:
+    first, last = (meshio.read(path).point_data for path in sorted(whole.directory.glob("fields-*.vtu")))
     assert not {"tawss", "osi", "rrt"} & set(first) and "wall_shear_stress" in first
-    wall = result.wall
+    wall = whole.wall
     for name in ("tawss", "osi", "rrt"):
         # At the middles of edges the values of the table, at vertices means of them.
         assert np.isin(wall[name], last[name]).all()
