@@ -22,11 +22,16 @@ def fine(tmp_path_factory) -> Result:
     return swing(tmp_path_factory.mktemp("fine"), "run", "time.step=0.0025")
 
 
+@pytest.fixture(scope="module")
+def coarse(tmp_path_factory) -> Result:
+    return swing(tmp_path_factory.mktemp("coarse"), "run", "time.step=0.01")
+
+
 def error(result: Result, fine: Result) -> float:
     """Largest difference of u_y from the fine run, relative to the largest u_y, at the result's own times."""
     history, exact = result.history, fine.history
     at = np.interp(history["time"], exact["time"], exact["tip_uy"])
-    return float(np.abs(history["tip_uy"] - at).max() / np.abs(exact["tip_uy"]).max())
+    return float(np.abs(history["tip_uy"] - at).max() / np.abs(at).max())
 
 
 def test_ordinary_steps_are_kept_for_the_checker(fine):
@@ -43,12 +48,12 @@ def test_ordinary_steps_are_kept_for_the_checker(fine):
 
 
 def test_steps_follow_the_accepted_error_and_hit_the_outputs(tmp_path, fine):
-    words = "time={{step=0.05, end=0.4, adaptive=true, error={}, output_interval=0.1}}"
+    words = "time={{step=0.05, end=0.2, adaptive=true, error={}, output_interval=0.1}}"
     runs = [swing(tmp_path, f"error-{tolerance}", words.format(tolerance)) for tolerance in (1e-2, 1e-3)]
     for run in runs:
         assert run.converged, run.reason
         times = [step.time for step in run.saved_steps]
-        np.testing.assert_allclose(times, [0.1, 0.2, 0.3, 0.4], rtol=1e-12)
+        np.testing.assert_allclose(times, [0.1, 0.2], rtol=1e-12)
         assert run.history["step"].max() <= 0.05 * (1 + 1e-9)
     coarse, sharp = runs
     assert len(sharp.history) > 2 * len(coarse.history)
@@ -56,8 +61,7 @@ def test_steps_follow_the_accepted_error_and_hit_the_outputs(tmp_path, fine):
     assert error(sharp, fine) < min(0.005, 0.7 * error(coarse, fine))
 
 
-def test_the_energy_of_a_swinging_beam_is_the_work_of_gravity(tmp_path, fine):
-    coarse = swing(tmp_path, "coarse", "time.step=0.01")
+def test_the_energy_of_a_swinging_beam_is_the_work_of_gravity(coarse, fine):
     left = [abs(run.data["time"]["energy"]["imbalance"]) for run in (coarse, fine)]
     assert left[1] < 2e-4
     assert left[0] > 3 * left[1]  # an error of the steps, nothing that is forgotten
@@ -66,7 +70,7 @@ def test_the_energy_of_a_swinging_beam_is_the_work_of_gravity(tmp_path, fine):
 
 def test_the_energy_of_a_flow_around_a_beam(tmp_path):
     scene = load_scene(
-        "turek-fsi3", ["mesh.level=0", "time.step=0.01", "time.end=0.5", "time.stop=end", "inflow.ramp=0.4", *PLAIN]
+        "turek-fsi3", ["mesh.level=0", "time.step=0.01", "time.end=0.3", "time.stop=end", "inflow.ramp=0.25", *PLAIN]
     )
     energy = solve(scene, tmp_path / "run").data["time"]["energy"]
     assert energy["kinetic"] > 0.8 * energy["work"] > 0
@@ -109,11 +113,11 @@ def test_an_inflow_that_passes_through_zero_is_checked(tmp_path, waveform):
     assert abs(run.scene.inflow.factor(np.array([0.2]))[0]) < 1e-15
 
 
-def test_steps_that_are_too_large_are_said(tmp_path, fine):
+def test_steps_that_are_too_large_are_said(tmp_path, coarse, fine):
     assert fine.warnings == []
-    small, large = swing(tmp_path, "small", "time.step=0.01"), swing(tmp_path, "large", "time.step=0.08")
-    print(f"errors {error(small, fine):.1e}, {error(large, fine):.1e}; {large.warnings}")
-    assert error(small, fine) < 0.02 < error(large, fine)
-    assert small.warnings == []
+    large = swing(tmp_path, "large", "time.step=0.08")
+    print(f"errors {error(coarse, fine):.1e}, {error(large, fine):.1e}; {large.warnings}")
+    assert error(coarse, fine) < 0.02 < error(large, fine)
+    assert coarse.warnings == []
     assert large.warnings
     assert all("time.step = " in text for text in large.warnings)
