@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from ffsi.files.errors import InputError
 from ffsi.report.tables import in_words, label, value_text, words
 from ffsi.result.pictures import FAINT, INK
-from ffsi.result.quantities import QUANTITIES
+from ffsi.script.quantities import QUANTITIES
 from ffsi.text import listed, nearest
 
 LINES = ("#1b5e9b", "#c8553d", "#3d8b5f", "#8a5a9e", "#b08a1e", "#4a5560", "#2a9aa8", "#a6456b")

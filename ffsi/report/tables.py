@@ -9,8 +9,9 @@ from typing import Any
 
 import pandas as pd
 
-from ffsi.result.quantities import QUANTITIES, unit
+from ffsi.result.quantities import unit
 from ffsi.scene.keys import scene_keys
+from ffsi.script.quantities import QUANTITIES
 from ffsi.text import cut
 
 LABELS = {

@@ -1,14 +1,14 @@
-"""The registry of quantities: name, unit, words, tables and plots; their flat forms and published values."""
+"""What the registry of quantities says of a name; the flat forms of quantities and their published values."""
 
 from __future__ import annotations
 
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 from ffsi.result.published import Reference
+from ffsi.script.quantities import QUANTITIES
 
 CHECKED = (
     *("momentum", "continuity", "incompressibility", "kinematics", "mesh_motion", "dirichlet"),
@@ -17,55 +17,6 @@ CHECKED = (
 )
 
 
-@dataclass(frozen=True)
-class Quantity:
-    """A quantity of a result, and where people see it.
-
-    Attributes:
-        name: as in `result.json`; with a part of the scene behind it (`drag_beam`, `wss_mean_dome`), it is the same.
-        unit: `1` without dimension.
-        words: what legends and heads of tables call it.
-        plot: title of the plot in which it is a line; empty: of none.
-        tables: `sweep` that of the terminal, `points` that of the report; `flow`, `walls` and `parts` those of blood.
-    """
-
-    name: str
-    unit: str
-    words: str = ""
-    plot: str = ""
-    tables: tuple[str, ...] = ()
-
-
-_BOTH, _POINTS, _FLOW, _PARTS = ("sweep", "points"), ("points",), ("flow",), ("parts",)
-_TIP, _ROOF, _JACOBIAN = "Tip displacement", "Displacement of the roof's middle", "Smallest J = det F"
-QUANTITIES = (
-    Quantity("drag", "N/m", "drag", "Drag", _BOTH),
-    Quantity("lift", "N/m", "lift", "Lift", _BOTH),
-    Quantity("drag_coefficient", "1", "drag", tables=_POINTS),
-    Quantity("lift_coefficient", "1", "lift", tables=_POINTS),
-    Quantity("tip_ux", "m", "u_x", _TIP, _BOTH),
-    Quantity("tip_uy", "m", "u_y", _TIP, _BOTH),
-    Quantity("roof_ux", "m", "u_x", _ROOF, _POINTS),
-    Quantity("roof_uy", "m", "u_y", _ROOF, _POINTS),
-    Quantity("min_jacobian_fluid", "1", "fluid mesh", _JACOBIAN),
-    Quantity("min_jacobian_solid", "1", "solid", _JACOBIAN),
-    Quantity("min_jacobian", "1", "all", _JACOBIAN, ("sweep",)),
-    Quantity("pressure_difference", "Pa", "Δp"),
-    Quantity("outlet_pressure", "Pa"),
-    Quantity("flow_rate_in", "m²/s", tables=_FLOW),
-    Quantity("flow_rate_out", "m²/s", tables=_FLOW),
-    Quantity("mass_balance", "1", tables=_FLOW),
-    Quantity("pressure_drop", "Pa", tables=_FLOW),
-    Quantity("dome_inflow", "m²/s", tables=_FLOW),
-    Quantity("dome_area", "m²", tables=_FLOW),
-    Quantity("turnover_time", "s", tables=_FLOW),
-    Quantity("effective_stress_max", "Pa", tables=("walls",)),
-    Quantity("dome_displacement_max", "m", tables=("walls",)),
-    Quantity("wss", "Pa", "WSS", tables=_PARTS),
-    Quantity("tawss", "Pa", "TAWSS", tables=_PARTS),
-    Quantity("osi", "1", "OSI", tables=_PARTS),
-    Quantity("rrt", "1/Pa", "RRT", tables=_PARTS),
-)
 WORDS = {quantity.name: quantity.words for quantity in QUANTITIES}
 
 

@@ -24,6 +24,7 @@ from ffsi.scene.units import Quantity
 from ffsi.scene.validation import of_field
 from ffsi.script import flux_tables
 from ffsi.script.parameters import OF_CONSISTENCY, Parameter, units_of
+from ffsi.script.quantities import reported
 
 # Keys that are no numbers of the mathematics, or decide the structure, and stay in Python.
 PYTHON_ONLY = ("solver.time_limit", "geometry.stent.count")
@@ -201,6 +202,10 @@ def _context(scene: Scene, mumps: bool) -> dict[str, Any]:
         "better_mesh_motion": _better_mesh_motion(scene),
         "unknowns_text": ", ".join(components),
         "machinery": _machinery(scene),
+        "reported": {
+            "reported": reported(scene),
+            "history": [quantity for quantity in reported(scene) if quantity.history and scene.time],
+        },
         "ints": lambda values: f"[{', '.join(str(int(value)) for value in values)}]",
         "reals": lambda values: f"[{', '.join(str(value) for value in values)}]",
         "words": lambda values: "[{}]".format(", ".join(f'"{value}"' for value in values)),
@@ -254,7 +259,6 @@ def _structure(scene: Scene, *, parts: bool, varying: bool) -> list[str]:
         "hasRoof": getattr(geometry, "roof", None),
         "hasBeam": getattr(geometry, "beam", None),
         "hasStent": getattr(geometry, "stent", None),
-        "hasPressureDifference": geometry.kind == "channel-cylinder" and not geometry.beam,
     }
     return [name for name, here in found.items() if here]
 
