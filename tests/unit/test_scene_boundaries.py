@@ -71,80 +71,53 @@ def aneurysm() -> dict[str, list[Points]]:
     return {"fluid": [lumen], "vessel": [inner, upstream, downstream], "dome": [dome]}
 
 
-ANEURYSM = aneurysm()
-WITH_ROOF = {"fluid": [CHANNEL_WITHOUT_FLAP], "flap": [FLAP], "roof": [box(0, 0.4, 2.5, 0.42)]}
+# Cases with the same outline.
+FLAPS = ("flap-svk", "flap-neo-hookean", "flap-mooney-rivlin")
+ROOFS = ("flap-neo-hookean-roof", "flap-mooney-rivlin-roof")
+CFD, CSM, FSI = (tuple(f"turek-{kind}{number}" for number in (1, 2, 3)) for kind in ("cfd", "csm", "fsi"))
+CYLINDERS, ANEURYSMS = ("cylinder-2d1", "cylinder-2d2"), ("aneurysm", "aneurysm-carreau", "aneurysm-pulsatile")
 
 # For each region of each case: the outlines (outer, then holes).
 OUTLINES: dict[str, dict[str, list[Points]]] = {
-    "flap-svk": {"fluid": [CHANNEL_WITHOUT_FLAP], "flap": [FLAP]},
-    "flap-neo-hookean": {"fluid": [CHANNEL_WITHOUT_FLAP], "flap": [FLAP]},
-    "flap-mooney-rivlin": {"fluid": [CHANNEL_WITHOUT_FLAP], "flap": [FLAP]},
-    "flap-neo-hookean-roof": WITH_ROOF,
-    "flap-mooney-rivlin-roof": WITH_ROOF,
-    "turek-cfd1": {"fluid": [box(0, 0, 2.5, 0.41), BODY]},
-    "turek-cfd2": {"fluid": [box(0, 0, 2.5, 0.41), BODY]},
-    "turek-csm1": {"beam": [BEAM]},
-    "turek-csm2": {"beam": [BEAM]},
-    "turek-fsi1": {"fluid": [box(0, 0, 2.5, 0.41), BODY], "beam": [BEAM]},
-    "cylinder-2d1": {"fluid": [box(0, 0, 2.2, 0.41), arc(0.2, 0.2, 0.05, 0, 360)]},
+    **{key: {"fluid": [CHANNEL_WITHOUT_FLAP], "flap": [FLAP]} for key in FLAPS},
+    **{key: {"fluid": [CHANNEL_WITHOUT_FLAP], "flap": [FLAP], "roof": [box(0, 0.4, 2.5, 0.42)]} for key in ROOFS},
+    **{key: {"fluid": [box(0, 0, 2.5, 0.41), BODY]} for key in CFD},
+    **{key: {"beam": [BEAM]} for key in CSM},
+    **{key: {"fluid": [box(0, 0, 2.5, 0.41), BODY], "beam": [BEAM]} for key in FSI},
+    **{key: {"fluid": [box(0, 0, 2.2, 0.41), arc(0.2, 0.2, 0.05, 0, 360)]} for key in CYLINDERS},
+    **dict.fromkeys(ANEURYSMS, aneurysm()),
     "cavity-flexible-floor": {"fluid": [CAVITY], "floor": [FLOOR]},
-    "turek-cfd3": {"fluid": [box(0, 0, 2.5, 0.41), BODY]},
-    "turek-csm3": {"beam": [BEAM]},
-    "turek-fsi2": {"fluid": [box(0, 0, 2.5, 0.41), BODY], "beam": [BEAM]},
-    "turek-fsi3": {"fluid": [box(0, 0, 2.5, 0.41), BODY], "beam": [BEAM]},
-    "cylinder-2d2": {"fluid": [box(0, 0, 2.2, 0.41), arc(0.2, 0.2, 0.05, 0, 360)]},
-    "aneurysm": ANEURYSM,
-    "aneurysm-carreau": ANEURYSM,
-    "aneurysm-pulsatile": ANEURYSM,
     "cook": {"membrane": [[(0, 0), (48, 44), (48, 60), (0, 44)]]},
     "cantilever": {"beam": [box(0, 0, 1, 0.01)]},
 }
 
 # The labels around a region.
-WITH_SHARED_SIDES = {"aneurysm", "aneurysm-carreau", "aneurysm-pulsatile"}
 WET, DRY = {1, 2, 3, 4, 5, 8, 9, 10, 13, 14, 15}, {5, 6, 7, 12}
-SIDES = {name: {"fluid": WET, "flap": {5, 6}, "roof": {7, 10, 11}} for name in OUTLINES if name.endswith("-roof")}
+SIDES = {key: {"fluid": WET, "flap": {5, 6}, "roof": {7, 10, 11}} for key in ROOFS}
 
 INLET, OUTLET, WALLS = (1, "inlet", None), (2, "outlet", None), (3, "no-slip", None)
 FLAP_ROLES = [INLET, OUTLET, WALLS, (5, "interface", "flap"), (6, "clamped", None)]
-ROOF_ROLES = [*FLAP_ROLES, (7, "free", None), (10, "interface", None), (11, "clamped", None)]
-FSI_ROLES = [INLET, OUTLET, WALLS, (4, "no-slip", "cylinder"), (5, "interface", "beam"), (6, "clamped", None)]
-RIGID_ROLES = [INLET, OUTLET, WALLS, (4, "no-slip", "cylinder"), (5, "no-slip", "beam")]
-SOLID_ROLES = [(5, "free", None), (6, "clamped", None)]
 CYLINDER_ROLES = [INLET, OUTLET, WALLS, (4, "no-slip", "cylinder")]
-LOADED_ROLES = [(6, "clamped", None), (7, "free", None), (12, "loaded", None)]
 ANEURYSM_ROLES = [
     INLET, OUTLET, (6, "clamped", None), (7, "free", None), (13, "interface", None), (14, "interface", None),
     (15, "interface", None),
 ]  # fmt: skip
 ROLES = {
-    "flap-svk": FLAP_ROLES,
-    "flap-neo-hookean": FLAP_ROLES,
-    "flap-mooney-rivlin": FLAP_ROLES,
-    "flap-neo-hookean-roof": ROOF_ROLES,
-    "flap-mooney-rivlin-roof": ROOF_ROLES,
-    "turek-cfd1": RIGID_ROLES,
-    "turek-cfd2": RIGID_ROLES,
-    "turek-cfd3": RIGID_ROLES,
-    "turek-csm1": SOLID_ROLES,
-    "turek-csm2": SOLID_ROLES,
-    "turek-csm3": SOLID_ROLES,
-    "turek-fsi1": FSI_ROLES,
-    "turek-fsi2": FSI_ROLES,
-    "turek-fsi3": FSI_ROLES,
-    "cylinder-2d1": CYLINDER_ROLES,
-    "cylinder-2d2": CYLINDER_ROLES,
+    **dict.fromkeys(FLAPS, FLAP_ROLES),
+    **{key: [*FLAP_ROLES, (7, "free", None), (10, "interface", None), (11, "clamped", None)] for key in ROOFS},
+    **{key: [*CYLINDER_ROLES, (5, "no-slip", "beam")] for key in CFD},
+    **{key: [(5, "free", None), (6, "clamped", None)] for key in CSM},
+    **{key: [*CYLINDER_ROLES, (5, "interface", "beam"), (6, "clamped", None)] for key in FSI},
+    **dict.fromkeys(CYLINDERS, CYLINDER_ROLES),
     "cavity-flexible-floor": [
         INLET, OUTLET, WALLS, (5, "interface", "floor"), (6, "clamped", None), (7, "free", None),
         (8, "no-slip", None), (9, "no-slip", None),
     ],
-    "aneurysm": ANEURYSM_ROLES,
-    "aneurysm-carreau": ANEURYSM_ROLES,
+    **dict.fromkeys(ANEURYSMS, ANEURYSM_ROLES),
     "aneurysm-pulsatile": [
         (label, "supported" if label == 7 else role, part) for label, role, part in ANEURYSM_ROLES
     ],
-    "cook": LOADED_ROLES,
-    "cantilever": LOADED_ROLES,
+    **{key: [(6, "clamped", None), (7, "free", None), (12, "loaded", None)] for key in ("cook", "cantilever")},
 }  # fmt: skip
 
 # Exact lengths worked out by hand, by label.
@@ -187,7 +160,7 @@ def test_areas(case: str) -> None:
 def test_perimeters(case: str) -> None:
     found = {boundary.label: boundary.exact_length for boundary in boundaries(CASES[case])}
     for name, outlines in OUTLINES[case].items():
-        if case in WITH_SHARED_SIDES and name != "fluid":
+        if case in ANEURYSMS and name != "fluid":
             continue  # its solids touch each other along a line without a label
         sides = SIDES.get(case, {}).get(name, WET if name == "fluid" else DRY)
         length = sum(length_and_area(outline)[0] for outline in outlines)
@@ -214,22 +187,13 @@ def test_every_arc_has_its_circle() -> None:
         if (found := {boundary.label: boundary.circle for boundary in boundaries(scene) if boundary.circle})
     }
     cylinder = (0.2, 0.2, 0.05)
+    bent = {13: (0.0, 0.0, 0.006), 14: (0.0, 0.0, 0.008)}
     assert circles == {
-        "turek-cfd1": {4: cylinder},
-        "turek-cfd2": {4: cylinder},
-        "turek-csm1": {6: cylinder},
-        "turek-csm2": {6: cylinder},
-        "turek-fsi1": {4: cylinder, 6: cylinder},
-        "turek-cfd3": {4: cylinder},
-        "turek-csm3": {6: cylinder},
-        "turek-fsi2": {4: cylinder, 6: cylinder},
-        "turek-fsi3": {4: cylinder, 6: cylinder},
-        "cylinder-2d1": {4: cylinder},
-        "cylinder-2d2": {4: cylinder},
+        **{key: {4: cylinder} for key in (*CFD, *CYLINDERS)},
+        **{key: {6: cylinder} for key in CSM},
+        **{key: {4: cylinder, 6: cylinder} for key in FSI},
         "cavity-flexible-floor": {8: (1.75, -0.25, 0.25), 9: (6.25, -0.25, 0.25)},
-        "aneurysm": {13: (0.0, 0.0, 0.006), 14: (0.0, 0.0, 0.008)},
-        "aneurysm-carreau": {13: (0.0, 0.0, 0.006), 14: (0.0, 0.0, 0.008)},
-        "aneurysm-pulsatile": {13: (0.0, 0.0, 0.006), 14: (0.0, 0.0, 0.008)},
+        **dict.fromkeys(ANEURYSMS, bent),
     }
 
 
@@ -257,21 +221,10 @@ def test_rigid_flap_and_solid_alone() -> None:
 def test_tips() -> None:
     tips = {case: scene.tip for case, scene in CASES.items() if scene.tip}
     expected = {
-        "flap-svk": (0.52, 0.2),
-        "flap-neo-hookean": (0.52, 0.2),
-        "flap-mooney-rivlin": (0.52, 0.2),
-        "flap-neo-hookean-roof": (0.52, 0.2),
-        "flap-mooney-rivlin-roof": (0.52, 0.2),
-        "turek-csm1": (0.6, 0.2),
-        "turek-csm2": (0.6, 0.2),
-        "turek-fsi1": (0.6, 0.2),
-        "turek-csm3": (0.6, 0.2),
-        "turek-fsi2": (0.6, 0.2),
-        "turek-fsi3": (0.6, 0.2),
+        **dict.fromkeys((*FLAPS, *ROOFS), (0.52, 0.2)),
+        **dict.fromkeys((*CSM, *FSI), (0.6, 0.2)),
         "cavity-flexible-floor": (4.0, -1.0),
-        "aneurysm": (-7.7481e-3, 6.519e-3),
-        "aneurysm-carreau": (-7.7481e-3, 6.519e-3),
-        "aneurysm-pulsatile": (-7.7481e-3, 6.519e-3),
+        **dict.fromkeys(ANEURYSMS, (-7.7481e-3, 6.519e-3)),
         "cook": (48.0, 60.0),
         "cantilever": (1.0, 0.005),
     }
@@ -289,7 +242,7 @@ def test_lengths_follow_the_numbers() -> None:
 
 def test_probes_are_the_middle_of_the_elastic_roof() -> None:
     probes = {case: scene.probes for case, scene in CASES.items() if scene.probes}
-    assert probes == {case: {"roof": (1.25, 0.4)} for case in ("flap-neo-hookean-roof", "flap-mooney-rivlin-roof")}
+    assert probes == {case: {"roof": (1.25, 0.4)} for case in ROOFS}
     scene = load_scene("flap-neo-hookean-roof", ["geometry.length=3", "geometry.height=0.5"])
     assert scene.probes == {"roof": (1.5, 0.5)}
 

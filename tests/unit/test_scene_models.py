@@ -7,37 +7,22 @@ import pytest
 from pydantic import ValidationError
 
 from ffsi.scene import CASES, Newtonian, Scene, load_scene, with_values
-from ffsi.scene.flow import Inflow, Traction
+from ffsi.scene.flow import Inflow
 from ffsi.scene.geometry import FlapChannel
 from ffsi.scene.geometry.channel_cylinder import Beam, ChannelCylinder
 from ffsi.scene.geometry.solids import Cantilever, CookMembrane
 from ffsi.scene.materials import StVenantKirchhoff
+from ffsi.scene.model import Traction
 from ffsi.scene.outlet import Outlet
 
-PHYSICS = {
-    "flap-svk": "fsi",
-    "flap-neo-hookean": "fsi",
-    "flap-mooney-rivlin": "fsi",
-    "flap-neo-hookean-roof": "fsi",
-    "flap-mooney-rivlin-roof": "fsi",
-    "turek-cfd1": "fluid",
-    "turek-cfd2": "fluid",
-    "turek-csm1": "solid",
-    "turek-csm2": "solid",
-    "turek-fsi1": "fsi",
-    "turek-cfd3": "fluid",
-    "turek-csm3": "solid",
-    "turek-fsi2": "fsi",
-    "turek-fsi3": "fsi",
-    "cylinder-2d1": "fluid",
-    "cylinder-2d2": "fluid",
-    "cavity-flexible-floor": "fsi",
-    "aneurysm": "fsi",
-    "aneurysm-carreau": "fsi",
-    "aneurysm-pulsatile": "fsi",
-    "cook": "solid",
-    "cantilever": "solid",
-}
+FLUIDS = ("turek-cfd1", "turek-cfd2", "turek-cfd3", "cylinder-2d1", "cylinder-2d2")
+SOLIDS = ("turek-csm1", "turek-csm2", "turek-csm3", "cook", "cantilever")
+BOTH = (
+    *("flap-svk", "flap-neo-hookean", "flap-mooney-rivlin", "flap-neo-hookean-roof", "flap-mooney-rivlin-roof"),
+    *("turek-fsi1", "turek-fsi2", "turek-fsi3", "cavity-flexible-floor"),
+    *("aneurysm", "aneurysm-carreau", "aneurysm-pulsatile"),
+)
+PHYSICS = dict.fromkeys(FLUIDS, "fluid") | dict.fromkeys(SOLIDS, "solid") | dict.fromkeys(BOTH, "fsi")
 
 
 def svk(**values: object) -> StVenantKirchhoff:
