@@ -7,13 +7,13 @@ import logging
 import re
 import sys
 from collections.abc import Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any, get_args
 
 import typer
 
-from ffsi.cli import show
+from ffsi.cli import scenes, show
+from ffsi.cli.arguments import AsJson, Case, OptionalCase, Settings, check_output
 from ffsi.cli.exit_codes import BAD_INPUT, CHECK_FAILED, FAULT, INTERRUPTED, NO_FREEFEM, NOT_CONVERGED, TEXT, worst
 from ffsi.cli.streams import guarded
 from ffsi.files import folder, machine
@@ -39,23 +39,6 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-Case = Annotated[
-    str, typer.Argument(metavar="CASE|scene.toml", help="A case of `ffsi cases`, or a scene file.", show_default=False)
-]
-OptionalCase = Annotated[
-    str | None,
-    typer.Argument(metavar="CASE|scene.toml", help="A case of `ffsi cases`, or a scene file.", show_default=False),
-]
-Settings = Annotated[
-    list[str],
-    typer.Option(
-        "--set",
-        metavar="KEY=VALUE",
-        help="Change a value of the scene, or remove it with KEY=none; repeatable.",
-        show_default=False,
-    ),
-]
-AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON on stdout, and nothing else there.")]
 NoCheck = Annotated[bool, typer.Option("--no-check", help="Skip the independent reference check.")]
 Threads = Annotated[int, typer.Option("--threads", min=1, help="Threads of the linear algebra.")]
 
@@ -90,33 +73,8 @@ def cases(json: AsJson = False) -> None:
         show.cases(entries)
 
 
-@app.command()
-def keys(
-    pattern: Annotated[
-        str | None, typer.Argument(metavar="[GLOB]", help='A table, or keys such as "*velocity".', show_default="all")
-    ] = None,
-    json: AsJson = False,
-    markdown: Annotated[
-        bool, typer.Option("--markdown", help="Print all of them as the tables of docs/scene.md.")
-    ] = False,
-) -> None:
-    """List every key of a scene: type, unit, default, range, meaning."""
-    from ffsi.scene.keys import markdown as tables_of_keys
-    from ffsi.scene.keys import scene_keys
-
-    if markdown:
-        if json or pattern:
-            raise InputError("--markdown prints all keys: give no GLOB and no --json")
-        sys.stdout.write(tables_of_keys())
-        return
-    found = scene_keys(pattern or "*")
-    if not found:
-        guess = nearest(str(pattern), [item.key for item in scene_keys()])
-        raise InputError(f"no key is {pattern!r}" + (f' (did you mean "{guess}"?)' if guess else ""))
-    if json:
-        sys.stdout.write(folder.to_json([asdict(item) for item in found]))
-    else:
-        show.keys(found)
+for name, command in scenes.COMMANDS.items():
+    app.command(name)(command)
 
 
 @app.command()
@@ -209,7 +167,7 @@ def animate(
     name = field or ("velocity" if result.scene.fluid else "displacement")
     _check_animation(result.scene, name)
     if output is not None:
-        _check_output(output)
+        check_output(output)
     _animate(result, name, output or directory / f"{name}.gif")
 
 
@@ -226,7 +184,7 @@ def render(
 
     scene = load_scene(case, settings)
     if output is not None:
-        _check_output(output)
+        check_output(output)
     if output is None:
         sys.stdout.write(render_script(scene))
         return
@@ -400,7 +358,7 @@ def report(
     from ffsi.report import write_report
     from ffsi.run.direct import adopt
 
-    _check_output(output)
+    check_output(output)
     for directory in directories:
         adopt(directory)
     write_report(directories, output)
@@ -504,13 +462,6 @@ def _animate(result: Result, field: str, output: Path) -> None:
 
     count = write_animation(result, field, output)
     show.note(f"wrote {output} ({count} frames)")
-
-
-def _check_output(path: Path) -> None:
-    if path.is_dir():
-        raise InputError(f"{path} is a folder; -o takes the name of a file")
-    if not path.parent.is_dir():
-        raise InputError(f"{path.parent} does not exist; make that folder first")
 
 
 def _crash_json(directory: Path, name: str, error: Exception) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import logging
 import math
 import shlex
@@ -32,13 +31,13 @@ from ffsi.text import cut, printable
 
 if TYPE_CHECKING:
     from ffsi.reference import CheckReport
-    from ffsi.scene.keys import Key
 
 # Quantities that only help to diagnose; they are in result.json.
 MINOR = ("_surface", "_x", "_y", "drag_cylinder", "lift_cylinder", "drag_beam", "lift_beam")
 
 
-def _out() -> Console:
+def stdout() -> Console:
+    """Return where results are printed."""
     console = Console(highlight=False)
     return console if console.is_terminal else Console(highlight=False, width=160)  # a file has no narrow lines
 
@@ -54,18 +53,6 @@ def text(value: object, style: str = "") -> Text:
 
 def _lines(message: str) -> str:
     return "\n".join(printable(line) for line in message.split("\n"))
-
-
-def keys(found: Sequence[Key]) -> None:
-    """Print the keys of a scene, those of each table and kind together."""
-    console = _out()
-    for only, group in itertools.groupby(found, key=lambda item: item.only):
-        table = Table(title=only or None, title_justify="left", box=None, pad_edge=False, padding=(0, 2, 0, 0))
-        for name in ("key", "unit", "default", "accepted", "meaning"):
-            table.add_column(name, overflow="fold", min_width=len(name))
-        for item in group:
-            table.add_row(*(Text(cell) for cell in (item.key, item.unit, item.default, item.accepted, item.meaning)))
-        console.print(table)
 
 
 def error(message: str) -> None:
@@ -132,18 +119,18 @@ def cases(entries: Sequence[Mapping[str, Any]]) -> None:
         table.add_column(column, no_wrap=column != "description")
     for entry in entries:
         table.add_row(Text(entry["name"]), Text(entry["physics"]), Text(entry["description"]))
-    _out().print(table)
+    stdout().print(table)
 
 
 def domain(scene: Scene) -> None:
     """Print what will be computed on: areas of the regions, roles and lengths of the boundaries."""
     for line in words(intended(scene)):
-        _out().print(Text(line), soft_wrap=True)
+        stdout().print(Text(line), soft_wrap=True)
 
 
 def result(done: Result) -> None:
     """Print quantities beside published values, Newton, check and where the files are."""
-    console = _out()
+    console = stdout()
     data = done.data
     style = "red" if not done.converged else "green" if done.checked else "yellow"
     size = (
@@ -221,7 +208,7 @@ _ROWS = 60
 
 def sweep(table: pd.DataFrame, keys: Sequence[str], out: Path) -> None:
     """Print the sweep's table."""
-    console = _out()
+    console = stdout()
     endings = ("", "_mean", "_amplitude", "_frequency")
     names = [name + ending for name in in_table("sweep") for ending in endings if name + ending in table]
     shown = Table(box=None, pad_edge=False, header_style="bold")
@@ -255,7 +242,7 @@ def checks(reports: Sequence[tuple[Result, CheckReport]]) -> None:
         if any(line[name] is not None for line in rows):
             table.add_row(name.replace("_", " "), *(_cell(line[name], "{:.1e}") for line in rows))
     table.add_row("passed", *("yes" if line["passed"] else "NO" for line in rows))
-    _out().print(table)
+    stdout().print(table)
 
 
 def check_rows(reports: Sequence[tuple[Result, CheckReport]]) -> list[dict[str, Any]]:
@@ -284,7 +271,7 @@ def doctor() -> bool:
         table.add_row(
             Text(item.status, style=style[item.status]), Text(item.name), Text(item.detail + advice, overflow="fold")
         )
-    _out().print(table)
+    stdout().print(table)
     return healthy(found)
 
 

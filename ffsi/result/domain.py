@@ -10,6 +10,19 @@ import numpy as np
 from ffsi.files.arrays import RawMesh
 from ffsi.result.fields import FLUID
 from ffsi.scene import Scene, boundaries
+from ffsi.scene.boundaries import Role
+
+CONDITIONS: dict[Role, str] = {
+    "inlet": "the fluid comes in with the given velocity",
+    "outlet": "the fluid goes out, see the table outlet",
+    "no-slip": "rigid wall of the fluid",
+    "interface": "fluid and solid move together",
+    "clamped": "the solid is held",
+    "free": "nothing acts on the solid",
+    "loaded": "the traction acts on the solid",
+    "supported": "the elastic support acts on the solid",
+}
+"""What each role of a boundary means."""
 
 
 def intended(scene: Scene) -> dict[str, Any]:

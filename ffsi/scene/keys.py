@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from typing import Any, cast, get_args, get_origin
 
@@ -13,9 +13,10 @@ from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
 from ffsi.scene.errors import join, names, number_text, short
-from ffsi.scene.geometry import GeometryBase
+from ffsi.scene.geometry import ChannelGeometry, GeometryBase
 from ffsi.scene.model import Scene
 from ffsi.scene.numerics import SIZES
+from ffsi.scene.together import OF_FLUID
 from ffsi.scene.units import Count, Quantity
 from ffsi.scene.validation import Model, literals, models, of_field, unit
 from ffsi.scene.validation import members as split
@@ -36,6 +37,7 @@ class Key:
         default: value where the scene has none, as TOML writes it; "needed", or empty for none.
         range: values that are accepted, empty for all.
         meaning: one sentence.
+        value: value in a scene, as TOML writes it; empty where it has none, and where no scene was asked.
     """
 
     key: str
@@ -45,6 +47,7 @@ class Key:
     default: str
     range: str
     meaning: str
+    value: str = ""
 
     @property
     def accepted(self) -> str:
@@ -52,15 +55,38 @@ class Key:
         return self.range if self.type == "text" and self.range else f"{self.type} {self.range}".rstrip()
 
 
-def scene_keys(pattern: str = "*") -> list[Key]:
-    """Return every key, or those of a table (`outlet`) or a pattern (`*velocity`), in the order of the models."""
+def scene_keys(pattern: str = "*", scene: Scene | None = None) -> list[Key]:
+    """Return every key, or those of a table (`outlet`) or a pattern (`*velocity`), in the order of the models.
+
+    With a scene, only those that go with its geometry, materials and laws, under its own names, and with its values.
+    """
     return [
         item
-        for item in _keys(Scene, "", "")
+        for item in (_keys(Scene, "", "") if scene is None else _keys_of(scene))
         if fnmatchcase(item.key, pattern)
         or item.key.startswith(f"{pattern}.")
         or fnmatchcase(pattern, item.key.replace("NAME", "*"))
     ]
+
+
+def _keys_of(scene: Scene) -> Iterator[Key]:
+    table = scene.model_dump()
+    named = {"solid": list(scene.geometry.solid_names)}
+    for item in _keys(Scene, "", ""):
+        if item.key.partition(".")[0] in OF_FLUID and not isinstance(scene.geometry, ChannelGeometry):
+            continue
+        before, is_named, _ = item.key.partition(".NAME")
+        for name in named.get(before, [*(_at(table, before) or ["NAME"])]) if is_named else [""]:
+            key, (chosen, _, choice) = item.key.replace("NAME", name), item.only.replace("NAME", name).partition(" = ")
+            if not chosen or _toml(_at(table, chosen)) == choice:
+                yield replace(item, key=key, value=_toml(_at(table, key)))
+
+
+def _at(table: Any, key: str) -> Any:
+    """Return the value at a dotted key of nested tables; None if there is none."""
+    for name in key.split("."):
+        table = table.get(name) if isinstance(table, Mapping) else None
+    return table
 
 
 def markdown() -> str:

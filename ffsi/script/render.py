@@ -26,6 +26,12 @@ from ffsi.script import flux_tables
 from ffsi.script.parameters import OF_CONSISTENCY, Parameter, units_of
 from ffsi.script.quantities import reported
 
+_MESH_ALONE = """BuildMesh(meshLevel);
+CheckMesh();
+Discretise();
+WriteMesh();
+cout << "@ffsi mesh level=" << meshLevel << " triangles=" << Th.nt << " unknowns=" << nDof << endl;
+cout << "@ffsi end status=converged" << endl;"""
 # Keys that are no numbers of the mathematics, or decide the structure, and stay in Python.
 PYTHON_ONLY = ("solver.time_limit", "geometry.stent.count")
 _THETA = {  # of a step of length k
@@ -73,6 +79,13 @@ def render(scene: Scene, *, mumps: bool = True, mesh_file: str = STORED, bundled
     context = {**_context(scene, mumps), "mesh_file": mesh_file}
     text = _environment().get_template("case.edp.j2").render(context).rstrip() + "\n"
     return bundle(text) if bundled else text
+
+
+def render_mesh(scene: Scene, *, mumps: bool = True) -> str:
+    """Return the script that makes the mesh of a scene as `render`'s does, writes it as `mesh.bin`, and ends."""
+    *lines, main = render(scene, mumps=mumps, bundled=False).splitlines()
+    assert main.startswith('include "lib/main')
+    return bundle("\n".join([*lines, _MESH_ALONE]))
 
 
 def write_catalogue(folder: str) -> None:

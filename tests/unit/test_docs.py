@@ -96,7 +96,7 @@ def test_the_command_lists_a_table_or_a_pattern(pattern, first, count, capsys):
     ("arguments", "message"),
     [
         (["fluid.densty"], "no key is 'fluid.densty' (did you mean \"fluid.density\"?)"),
-        (["fluid", "--markdown"], "--markdown prints all keys: give no GLOB and no --json"),
+        (["fluid", "--markdown"], "--markdown prints all keys: give no CASE, no PATTERN and no --json"),
     ],
 )
 def test_the_command_refuses_what_it_does_not_know(arguments, message, capsys):
