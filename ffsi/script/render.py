@@ -17,12 +17,13 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from ffsi.scene import CASES, Boundary, Scene, boundaries
 from ffsi.scene.boundaries import STRUTS
 from ffsi.scene.flow import WOMERSLEY
-from ffsi.scene.geometry import ChannelGeometry
+from ffsi.scene.geometry import Aneurysm, ChannelGeometry
 from ffsi.scene.geometry.mesh import STORED
 from ffsi.scene.materials import CompressibleElastic, Elastic, Solid
 from ffsi.scene.units import Quantity
 from ffsi.scene.validation import of_field
 from ffsi.script import flux_tables
+from ffsi.script.formula import with_formulas
 from ffsi.script.parameters import OF_CONSISTENCY, Parameter, units_of
 from ffsi.script.quantities import reported
 
@@ -201,6 +202,7 @@ def _context(scene: Scene, mumps: bool) -> dict[str, Any]:
         "depends": flux_tables.depends(scene),
         "regions": [{"number": number, "name": name} for number, name in regions],
         "boundaries": outline,
+        "exact": _exact(scene, numbers),
         "boundary_curved": [b in curved for b in outline],
         "boundary_of_body": [not own and (bool(b.part) or b.role == "interface") for b in outline],
         "labels": [(name, here) for name, here in labels.items() if here or name in needed],
@@ -223,6 +225,18 @@ def _context(scene: Scene, mumps: bool) -> dict[str, Any]:
         "reals": lambda values: f"[{', '.join(str(value) for value in values)}]",
         "words": lambda values: "[{}]".format(", ".join(f'"{value}"' for value in values)),
     }
+
+
+def _exact(scene: Scene, numbers: list[Parameter]) -> list[str]:
+    """Return the statements of the exact areas, by region, and lengths, by label; an aneurysm's library has its own."""
+    if isinstance(scene.geometry, Aneurysm):
+        return []
+    length, square = ("/unitLength", "/unitLength^2") if scene.geometry.kind == "mesh" else ("", "")
+    if not length:
+        scene = with_formulas(scene, {number.key: number.variable for number in numbers})
+    areas = enumerate(scene.exact_areas().values(), start=1 if scene.fluid else 2)
+    lines = [f"exactArea[{number}] = {area}{square};" for number, area in areas]
+    return lines + [f"exactLength[{side.label}] = {side.exact_length}{length};" for side in boundaries(scene)]
 
 
 def _structure(scene: Scene, *, parts: bool, varying: bool) -> list[str]:

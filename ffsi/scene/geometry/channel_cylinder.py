@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import ClassVar, Literal
 
+import numpy as np
 from pydantic import Field
 
 from ffsi.scene.base import Table
@@ -73,14 +74,15 @@ class ChannelCylinder(StraightChannel):
     @property
     def root_half_angle(self) -> float:
         """Half of the angle under which the cylinder's centre sees the beam's root, radians; 0 without a beam."""
-        return 0.0 if self.beam is None else math.asin(self.beam.thickness / (2 * self.cylinder_radius))
+        return 0.0 if self.beam is None else np.arcsin(self.beam.thickness / (2 * self.cylinder_radius))
 
     @property
     def beam_side_length(self) -> float:
         """Length of the beam's upper (and lower) side from the cylinder to the end face, m; 0 without a beam."""
         if self.beam is None:
             return 0.0
-        return self.cylinder_radius * (1 - math.cos(self.root_half_angle)) + self.beam.length
+        side: float = self.cylinder_radius * (1 - np.cos(self.root_half_angle)) + self.beam.length
+        return side
 
     @property
     def areas(self) -> dict[str, float]:
@@ -88,7 +90,7 @@ class ChannelCylinder(StraightChannel):
         radius, angle = self.cylinder_radius, self.root_half_angle
         areas = {"fluid": self.length * self.height - math.pi * radius**2}
         if self.beam is not None:
-            under_root = radius**2 * (angle + math.sin(angle) * math.cos(angle))
+            under_root = radius**2 * (angle + np.sin(angle) * np.cos(angle))
             areas["beam"] = self.beam.thickness * (radius + self.beam.length) - under_root
             areas["fluid"] -= areas["beam"]
         return areas

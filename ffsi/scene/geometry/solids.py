@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import math
 from typing import ClassVar, Literal
 
+import numpy as np
 from pydantic import Field
 
 from ffsi.scene.boundaries import CLAMPED, LOADED, OUTER, Boundary
@@ -74,8 +74,8 @@ class CookMembrane(GeometryBase):
 
     def outline(self, physics: Physics) -> list[Boundary]:
         """Return the clamped, the loaded and the two free sides."""
-        lower = math.hypot(self.width, self.rise)
-        upper = math.hypot(self.width, self.rise + self.right_height - self.left_height)
+        lower = np.sqrt(self.width**2 + self.rise**2)
+        upper = np.sqrt(self.width**2 + (self.rise + self.right_height - self.left_height) ** 2)
         return [
             Boundary("clamped_side", CLAMPED, "clamped", self.left_height),
             Boundary("free_sides", OUTER, "free", lower + upper),
