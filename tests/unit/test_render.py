@@ -1,11 +1,12 @@
 """The rendered scripts as texts: complete, the same every time, and only what the scene needs."""
 
+import math
 import re
 from pathlib import Path
 
 import pytest
 
-from ffsi.scene import CASES, SceneError, load_scene
+from ffsi.scene import CASES, SceneError, boundaries, load_scene
 from ffsi.scene.expressions import Expression
 from ffsi.script.render import PYTHON_ONLY, is_runtime_parameter, parameters, render
 
@@ -286,3 +287,16 @@ def test_the_time_limit_stays_in_python():
 )
 def test_what_can_change_between_the_points_of_one_process(case, key, runtime):
     assert is_runtime_parameter(load_scene(case, []), key) is runtime
+
+
+@pytest.mark.parametrize("case", [case for case, scene in CASES.items() if scene.geometry.kind != "aneurysm"])
+def test_exact_areas_and_lengths_are_formulas_of_the_parameters(case):
+    scene = CASES[case]
+    names = {name: getattr(math, name) for name in ("sin", "cos", "asin", "sqrt")}
+    names |= {parameter.variable: parameter.value for parameter in parameters(scene)}
+    lines = re.findall(r"^(exact\w+)\[(\d+)\] = (.*);$", script(case), re.MULTILINE)
+    found = {(name, int(number)): eval(text.replace("^", "**"), names) for name, number, text in lines}
+    areas = enumerate(scene.exact_areas().values(), start=1 if scene.fluid else 2)
+    expected = {("exactArea", number): area for number, area in areas}
+    expected |= {("exactLength", side.label): side.exact_length for side in boundaries(scene)}
+    assert found == pytest.approx(expected, rel=1e-14)
