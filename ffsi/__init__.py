@@ -8,6 +8,7 @@
     scene = ffsi.load_scene("turek-fsi1", ["mesh.level=1", "fluid.viscosity=0.9 Pa s"])
     scene = ffsi.with_values(scene, {"inflow.mean_velocity": 0.25})
     table = ffsi.sweep(scene, {"fluid.density": [900, 1000]}, "runs/densities")  # pandas
+    figure = ffsi.Study("runs/densities").plot("fluid.density", "drag")  # matplotlib
 
 Numbers are SI; a scene also takes strings with a unit. `python -m ffsi --help` is the command line.
 """
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from ffsi.files.errors import InputError
     from ffsi.freefem import FreeFEMError
     from ffsi.hemodynamics.result import Result
+    from ffsi.report.study import Study
     from ffsi.run.direct import load_result
     from ffsi.run.one_scene import resume, solve
     from ffsi.run.sweep import sweep
@@ -33,6 +35,7 @@ __all__ = [
     "Result",
     "Scene",
     "SceneError",
+    "Study",
     "load_result",
     "load_scene",
     "resume",
@@ -48,6 +51,7 @@ _HOMES = {
     **dict.fromkeys(("resume", "solve"), "ffsi.run.one_scene"),
     "FreeFEMError": "ffsi.freefem",
     "InputError": "ffsi.files.errors",
+    "Study": "ffsi.report.study",
     "sweep": "ffsi.run.sweep",
 }
 

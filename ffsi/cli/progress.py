@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from ffsi.freefem.events import Event
+from ffsi.text import printable
 
 __all__ = ["Event", "ProgressDisplay"]
 
@@ -31,7 +32,9 @@ class ProgressDisplay:
     ) -> None:  # fmt: skip
         """Prepare a display; nothing is drawn before `with`, and nothing at all when the console is no terminal."""
         self.case = case
-        self.finished = 0
+        self.finished = self.failed = 0
+        self._before = self._running = 0
+        self._of_results = False
         self._whole = points
         self._points = points or 1
         self._detail = ""
@@ -76,7 +79,9 @@ class ProgressDisplay:
                     self._take_step(event)
                 case "signal":
                     self._signal = _signal(event)
-                case "point":
+                case "result":
+                    self._take_result(event)
+                case "point" if not self._of_results:
                     self._points = self._whole or max(event.integer("points", 1), 1)
                     self.finished = min(self.finished + 1, self._points)
                 case _:
@@ -87,6 +92,8 @@ class ProgressDisplay:
     def state(self) -> str:
         """What the line says between the bar and the times."""
         count = f"{self.finished}/{self._points} done" if self._points > 1 else ""
+        count += f", {self._running} running" if self._running > 1 else ""
+        count += f", {self.failed} failed" if self.failed else ""
         signal = "" if count else self._signal  # of several points at a time it would be anybody's
         return " · ".join(part for part in (count, self._detail, signal) if part)
 
@@ -98,11 +105,27 @@ class ProgressDisplay:
             return (self._end - self._reached) / speed
         if self._points <= 1 or self.finished == 0:
             return None
-        return (self._clock() - self._begin) * (self._points - self.finished) / self.finished
+        new = self.finished - self._before
+        return (self._clock() - self._begin) * (self._points - self.finished) / new if new > 0 else None
 
     @property
     def _in_time(self) -> bool:
         return self._points <= 1 and math.isfinite(self._end)
+
+    def _take_result(self, event: Event) -> None:
+        """Count the points of a study; where this is no terminal, a line for each of them."""
+        if not self._of_results:
+            self._before = event.integer("done") - 1
+        self._of_results = True
+        self._points, self.finished = event.integer("points"), event.integer("done")
+        self.failed, self._running = event.integer("failed"), event.integer("running")
+        if self._progress.disable:
+            left = self.seconds_left
+            line = (
+                f"{self.finished}/{self._points} {event.text}: {event.word('verdict')}, {event.number('seconds'):.1f} s"
+            )
+            line += f"; {self.failed} failed" if self.failed else ""
+            print(printable(line + (f"; about {_duration(left)} left" if left else "")), file=sys.stderr)
 
     def _take_step(self, event: Event) -> None:
         self._reached, self._end = event.number("time"), event.number("end")

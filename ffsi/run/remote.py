@@ -38,9 +38,10 @@ def executor_of(executor: Any, dask: Any) -> Executor | None:
 
 def _of_dask(given: Any) -> Executor:
     try:
-        from distributed import Client
+        from distributed import Client as Scheduler
     except ImportError as error:
         raise InputError("--dask needs the package distributed: pip install distributed") from error
+    Client: Any = Scheduler  # it has no types
     if not isinstance(given, str | Client):
         raise InputError(f"dask = {given!r}: accepted: a distributed.Client or the address of a scheduler")
     try:

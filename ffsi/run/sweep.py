@@ -91,6 +91,7 @@ def sweep(
     scene = scene_of(scene).settled()
     varied, points = columns_of(scene, vary, design, samples, seed)
     pool = remote.executor_of(executor, dask)
+    kept = Cache(cache) if cache is not None else None
     workers = count_of(jobs, "jobs") if jobs is not None else 1 if pool is None else remote.workers_of(pool)
     defined = study_definition.define(scene, varied)
     if pool is None:
@@ -98,11 +99,12 @@ def sweep(
     with folder.held(directory, lambda path: study_definition.check(path, defined)):
         if not folder.is_sweep_folder(directory):
             study_definition.write(directory, defined)
-        table = _Table(directory, list(varied["vary"]), points, on_event)
+        table = _Table(directory, list(varied["vary"]), points)
         for chain in chains_of(directory):
             for result in harvest(scene, chain, table.keys, check=check):
                 table.add(result)
-        study = _Study(scene, directory, table, workers, pool, Cache(cache) if cache is not None else None, check)
+        table.on_event = on_event
+        study = _Study(scene, directory, table, workers, pool, kept, check)
         study.run(on_event)
         return table.write()
 
@@ -110,10 +112,9 @@ def sweep(
 class _Table:
     """The results that are known so far; `sweep.csv` follows them."""
 
-    def __init__(
-        self, directory: Path, keys: Sequence[str], order: Sequence[Values], on_event: OnEvent | None = None
-    ) -> None:
-        self.directory, self.keys, self.order, self.on_event = directory, list(keys), order, on_event
+    def __init__(self, directory: Path, keys: Sequence[str], order: Sequence[Values]) -> None:
+        self.directory, self.keys, self.order = directory, list(keys), order
+        self.on_event: OnEvent | None = None
         self.results: dict[tuple[Any, ...], Result] = {}
         self.led: set[tuple[Any, ...]] = set()
         self.running = 0

@@ -4,6 +4,7 @@ import itertools
 import json
 import shutil
 import tomllib
+from concurrent.futures import BrokenExecutor, Future, ThreadPoolExecutor
 from decimal import Decimal
 from pathlib import Path
 
@@ -12,14 +13,17 @@ import pandas as pd
 import pint
 import pytest
 
+import ffsi
+from ffsi.cli.main import main
 from ffsi.cli.vary import parse_all, parse_vary
 from ffsi.files.errors import InputError
 from ffsi.hemodynamics.result import Result
+from ffsi.result.table import problems as table_problems
 from ffsi.run import sweep as study
 from ffsi.run.design import columns_of
 from ffsi.run.plan import beyond, plan
 from ffsi.run.sweep import sweep
-from ffsi.scene import SceneError, load_scene
+from ffsi.scene import SceneError, load_scene, with_values
 
 pytestmark = pytest.mark.usefixtures("check")
 KEY = "inflow.mean_velocity"
@@ -498,3 +502,147 @@ def _spy(method, after):
 
 def _rows(path) -> int:
     return len(pd.read_csv(path / "sweep.csv"))
+
+
+# Elsewhere ------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("jobs", [None, 3])
+def test_an_executor_gives_the_same_table(tmp_path, freefem, jobs):
+    vary = {KEY: [0.01, 0.02, 0.03, 0.04, 0.05, 0.06], "mesh.level": [0, 1]}
+    freefem.fail = 0.05
+    here = sweep(SCENE, vary, tmp_path / "here")
+    with ThreadPoolExecutor(2) as pool:
+        there = sweep(SCENE, vary, tmp_path / "there", jobs=jobs, executor=pool)
+    ran = ["seconds", "folder", "point"]
+    pd.testing.assert_frame_equal(here.drop(columns=ran), there.drop(columns=ran))
+    assert here["failure"].tolist().count("not-converged") == 2
+    solved = len(freefem.solved)
+    with ThreadPoolExecutor(2) as pool:
+        sweep(SCENE, vary, tmp_path / "there", executor=pool)
+    assert len(freefem.solved) == solved
+
+
+class Breaking(ThreadPoolExecutor):
+    """Breaks after the first task, as a pool of processes does when one is killed."""
+
+    def submit(self, *arguments, **named):
+        if not hasattr(self, "done"):
+            self.done = super().submit(*arguments, **named)
+            return self.done
+        lost = Future()
+        lost.set_exception(BrokenExecutor("a process was killed"))
+        return lost
+
+
+def test_pieces_of_a_pool_that_breaks_run_here(tmp_path, freefem):
+    vary = {KEY: [0.01, 0.02, 0.03], "mesh.level": [0, 1, 2]}
+    with Breaking(1) as pool:
+        table = sweep(SCENE, vary, tmp_path / "sweep", executor=pool)
+    assert table["status"].tolist() == ["converged"] * 9
+    assert len(freefem.solved) == 9
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"executor": 3}, "executor = 3: accepted"), ({"dask": 3}, "dask = 3: accepted"),
+        ({"executor": 3, "dask": "tcp://x"}, "not both"), ({"jobs": 0}, "jobs = 0"), ({"cache": 3}, "cache = 3"),
+    ],
+)  # fmt: skip
+def test_what_cannot_run_a_sweep_is_refused(tmp_path, freefem, arguments, message):
+    with pytest.raises(InputError, match=message):
+        sweep(SCENE, {KEY: [0.01]}, tmp_path / "s", **arguments)
+    assert list(tmp_path.iterdir()) == []
+
+
+# A cache --------------------------------------------------------------------------------------------------------------
+
+
+def test_studies_that_share_a_cache_solve_no_point_twice(tmp_path, freefem, check):
+    one = sweep(SCENE, {KEY: [0.01, 0.02, 0.03]}, tmp_path / "one", cache=tmp_path / "cache")
+    checks = len(check.calls)
+    vary = [{KEY: "2 cm/s", "fluid.density": 1.0}, {KEY: 0.04}, {KEY: 0.03}]
+    two = sweep(with_values(SCENE, {"fluid.density": 1.0}), vary, tmp_path / "two", cache=tmp_path / "cache")
+    expected = [0.01, 0.02, 0.03, *([0.04] if SCENE.fluid.density == 1.0 else [0.02, 0.03, 0.04])]
+    assert freefem.solved == expected
+    assert two["drag"].tolist() == [0.04, 0.08, 0.06]
+    assert two["checked"].all() and len(check.calls) == checks + 3
+    assert table_problems(tmp_path / "two") == []
+    assert one["drag"].tolist() == [0.02, 0.04, 0.06]
+    again = sweep(SCENE, {KEY: [0.03]}, tmp_path / "three", cache=tmp_path / "cache")
+    assert freefem.solved == expected
+    assert again["drag"].tolist() == [0.06]
+
+
+# What is read afterwards ----------------------------------------------------------------------------------------------
+
+
+def test_a_study_is_read_from_its_folder(tmp_path, freefem):
+    vary = {KEY: [0.01, 0.02], "fluid.viscosity": [1e-3, 2e-3]}
+    table = sweep(SCENE, vary, tmp_path / "s")
+    study = ffsi.Study(tmp_path / "s")
+    pd.testing.assert_frame_equal(study.table, table)
+    assert study.table.attrs["units"][KEY] == "m/s"
+    units = pd.read_csv(tmp_path / "s" / "sweep.units.csv").set_index("column")["unit"]
+    assert (units[KEY], units["fluid.viscosity"], units["drag"], units["tip_ux"]) == ("m/s", "Pa s", "N/m", "m")
+    assert study.result(2).quantities["drag"] == table["drag"][2]
+    assert len(study.plot(KEY, "drag", by="fluid.viscosity").axes[0].get_lines()) == 2
+    grid = study.to_xarray()
+    assert grid["drag"].sel({KEY: 0.02, "fluid.viscosity": 2e-3}) == 0.04
+    assert grid["drag"].attrs["units"] == "N/m"
+    assert {path.suffix for path in study.write_fields([0])} == {".vtu", ".png"}
+    assert repr(study).endswith("all 4 points solved and checked")
+    for call in (lambda: study.result(4), lambda: study.plot(KEY, "drug"), lambda: ffsi.Study(tmp_path)):
+        with pytest.raises(InputError):
+            call()
+
+
+def test_rows_are_no_product(tmp_path, freefem):
+    sweep(SCENE, [{KEY: 0.01}, {KEY: 0.02, "output.pictures": False}], tmp_path / "s")
+    with pytest.raises(InputError, match="no product"):
+        ffsi.Study(tmp_path / "s").to_xarray()
+
+
+STUDY = """
+scene = "flap-svk"
+set = {mesh.level = 0, output = {pictures = false, vtu = false}}
+design = "zip"
+[vary]
+inflow.mean_velocity = ["1 cm/s", 0.02]
+"fluid.viscosity" = [1e-3, 2e-3]
+"""
+
+
+def test_a_study_s_file_and_a_file_of_points_say_the_same_as_python(tmp_path, freefem, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    Path("study.toml").write_text(STUDY)
+    Path("points.csv").write_text("inflow.mean_velocity, fluid.viscosity\n1 cm/s,1e-3\n0.02,2e-3\n")
+    level = ["--set", "mesh.level=0", "--set", "output.pictures=false", "--set", "output.vtu=false"]
+    for words in (["study.toml", "--out", "a"], ["flap-svk", *level, "--points", "points.csv", "--out", "b"]):
+        with pytest.raises(SystemExit, match="0"):
+            main(["sweep", *words])
+    sweep(SCENE, {KEY: [0.01, 0.02], "fluid.viscosity": [1e-3, 2e-3]}, "c", "zip")
+    texts = {Path(name, "sweep.toml").read_text() for name in "abc"}
+    assert len(texts) == 1
+    assert "1/2 inflow.mean_velocity = 0.01, fluid.viscosity = 0.001: converged" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (STUDY.replace("design", "desing"), 'did you mean "design"'),
+        (STUDY.replace('scene = "flap-svk"', ""), "scene is missing"),
+        (STUDY.replace('"zip"', "3"), "design = 3: accepted: a text"),
+        (STUDY.replace("[vary]", "[[vary]]"), "accepted: a table"),
+        (STUDY.replace("0.02", "-1"), "inflow.mean_velocity = -1"),
+        (STUDY.replace("flap-svk", "flap-svq"), 'did you mean "flap-svk"'),
+    ],
+)
+def test_what_is_no_study_is_refused(tmp_path, freefem, monkeypatch, capsys, text, message):
+    monkeypatch.chdir(tmp_path)
+    Path("study.toml").write_text(text)
+    with pytest.raises(SystemExit, match="2"):
+        main(["sweep", "study.toml", "--out", "a"])
+    assert message in capsys.readouterr().err
+    assert not Path("a").exists()
