@@ -45,6 +45,16 @@ class Table(BaseModel):
     # Says that this is an ordinary constructor: pydantic must not call it for the tables within a table.
     __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
 
+    def __setattr__(self, name: str, value: Any) -> None:
+        """Refuse a new value, in our words.
+
+        Raises:
+            SceneError: always, for a key.
+        """
+        if name in type(self).model_fields:
+            raise SceneError([Problem(name, "a scene does not change: ffsi.with_values returns one with new values")])
+        super().__setattr__(name, value)
+
     def given(self) -> dict[str, Any]:
         """Return the table as `model_dump` does, without what follows from the other values."""
         dump = self.model_dump(exclude_none=True)
