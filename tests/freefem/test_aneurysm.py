@@ -245,7 +245,7 @@ def test_the_sums_survive_a_kill(whole: Result, tmp_path: Path) -> None:
     history = run / "history.csv"
     while not history.is_file() or len(history.read_text().splitlines()) <= 17:
         assert process.poll() is None
-        time.sleep(0.001)
+        time.sleep(0.005)
     os.killpg(process.pid, signal.SIGKILL)
     process.wait()
     time.sleep(0.3)
