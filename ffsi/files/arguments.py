@@ -10,22 +10,14 @@ from ffsi.files.errors import InputError
 
 
 def path_of(value: object, what: str) -> Path:
-    """Return the path that an argument stands for.
-
-    Raises:
-        InputError: it is something else.
-    """
+    """Return the path that an argument stands for; raises InputError for anything else."""
     if isinstance(value, str | os.PathLike) and isinstance(os.fspath(value), str) and str(value):
         return Path(value)
     raise InputError(f"{what} = {value!r}: accepted: a path, such as 'runs/first'")
 
 
 def count_of(value: object, what: str) -> int:
-    """Return the whole number from 1 on that an argument is.
-
-    Raises:
-        InputError: it is something else.
-    """
+    """Return the whole number from 1 on that an argument is; raises InputError for anything else."""
     if isinstance(value, numbers.Integral) and not isinstance(value, bool) and int(value) >= 1:
         return int(value)
     raise InputError(f"{what} = {value!r}: accepted: a whole number from 1 on")

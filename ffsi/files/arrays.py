@@ -48,16 +48,9 @@ class RawMesh:
     def __post_init__(self) -> None:
         """Refuse arrays whose shapes or numbers do not fit together."""
         nv, nt, ne = len(self.vertices), len(self.triangles), len(self.edges)
-        shapes = {
-            "vertices": (self.vertices.shape, (nv, 2)),
-            "triangles": (self.triangles.shape, (nt, 3)),
-            "region": (self.region.shape, (nt,)),
-            "edges": (self.edges.shape, (ne, 2)),
-            "label": (self.label.shape, (ne,)),
-            "p2": (self.p2.shape, (nt, 6)),
-        }
-        for name, (shape, expected) in shapes.items():
-            if shape != expected:
+        shapes = {"vertices": (nv, 2), "triangles": (nt, 3), "region": (nt,), "edges": (ne, 2), "label": (ne,)}
+        for name, expected in {**shapes, "p2": (nt, 6)}.items():
+            if (shape := getattr(self, name).shape) != expected:
                 raise RawFileError(f"mesh: {name} has shape {shape}, expected {expected}")
         if nt == 0:
             raise RawFileError("mesh: it has no triangle")
@@ -65,9 +58,8 @@ class RawMesh:
             if numbers.size and not 0 <= numbers.min() <= numbers.max() < nv:
                 raise RawFileError(f"mesh: {name} names a vertex outside 0..{nv - 1}")
         if not np.isfinite(self.vertices).all():
-            raise RawFileError(
-                f"mesh: the coordinates of vertex {_first_bad(self.vertices.sum(axis=1))} are not finite"
-            )
+            bad = _first_bad(self.vertices.sum(axis=1))
+            raise RawFileError(f"mesh: the coordinates of vertex {bad} are not finite")
         # Before anything of the size that a number names is made.
         if not 0 <= self.p2.min() <= self.p2.max() < self.p2.size:
             raise RawFileError(f"mesh: a P2 node outside 0..{self.p2.size - 1}")
@@ -141,6 +133,11 @@ class RawState:
         if not len(self.ps):
             object.__setattr__(self, "ps", np.zeros((0, len(self.p))))
 
+    @property
+    def fields(self) -> tuple[Floats, Floats, Floats, Floats]:
+        """All unknowns: u, v, p, ps."""
+        return self.u, self.v, self.p, self.ps
+
 
 def read_arrays(path: Path, dtypes: Sequence[type], more: type | None = None) -> list[NDArray[np.generic]]:
     """Read the arrays of a binary file whose element types are known (``int`` or ``float``, one per array).
@@ -149,10 +146,8 @@ def read_arrays(path: Path, dtypes: Sequence[type], more: type | None = None) ->
     behind the last array, or has a senseless length, and ``OSError`` if it cannot be read.
     """
     path = Path(path)
-    data = read_bytes(path, MAX_BYTES)
+    data, offset, kinds = read_bytes(path, MAX_BYTES), 0, list(dtypes)
     arrays: list[NDArray[np.generic]] = []
-    offset = 0
-    kinds = list(dtypes)
     while len(arrays) < len(kinds):
         place = f"array {len(arrays) + 1} of {len(kinds)}"
         if offset + 8 > len(data):
@@ -163,8 +158,7 @@ def read_arrays(path: Path, dtypes: Sequence[type], more: type | None = None) ->
             raise RawFileError(
                 f"{path}: truncated: {place} announces {length} values, {(len(data) - offset) // 8} are left"
             )
-        kind = _INT if kinds[len(arrays)] is int else _FLOAT
-        arrays.append(np.frombuffer(data, kind, length, offset))
+        arrays.append(np.frombuffer(data, _INT if kinds[len(arrays)] is int else _FLOAT, length, offset))
         offset += 8 * length
         if len(arrays) == len(kinds) and more is not None and offset < len(data):
             kinds.append(more)
@@ -183,10 +177,7 @@ def write_arrays(path: Path, arrays: Sequence[NDArray[np.generic]]) -> None:
 
 
 def read_mesh(path: Path) -> RawMesh:
-    """Read ``mesh.bin``.
-
-    Raises ``RawFileError`` if the version, the sizes or the numbers do not fit.
-    """
+    """Read ``mesh.bin``. Raises ``RawFileError`` if the version, the sizes or the numbers do not fit."""
     header, x, y, triangles, region, edges, label, p2 = read_arrays(path, (int, float, float, int, int, int, int, int))
     if len(header) != 5 or header[0] != MESH_VERSION:
         raise RawFileError(f"{path}: header {header.tolist()}, expected [{MESH_VERSION}, nv, nt, ne, n2]")
@@ -196,15 +187,9 @@ def read_mesh(path: Path) -> RawMesh:
     for name, (array, expected) in sizes.items():
         if len(array) != expected:
             raise RawFileError(f"{path}: {name} has {len(array)} values, the header says {expected}")
+    numbers = (triangles.reshape(nt, 3), region, edges.reshape(ne, 2), label, p2.reshape(nt, 6))
     try:
-        mesh = RawMesh(
-            vertices=np.column_stack([x, y]).astype(np.float64),
-            triangles=triangles.reshape(nt, 3).astype(np.int64),
-            region=region.astype(np.int64),
-            edges=edges.reshape(ne, 2).astype(np.int64),
-            label=label.astype(np.int64),
-            p2=p2.reshape(nt, 6).astype(np.int64),
-        )
+        mesh = RawMesh(np.column_stack([x, y]).astype(np.float64), *(array.astype(np.int64) for array in numbers))
     except RawFileError as error:
         raise RawFileError(f"{path}: {error}") from None
     if mesh.n_p2 != n2:

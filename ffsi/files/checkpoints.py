@@ -18,11 +18,9 @@ logger = logging.getLogger(__name__)
 
 CHECKPOINT_VERSION = 3
 
-_STATES, _PER_FACTORS = 4, 3  # arrays of the last states, and for each set of kept factors
-
-_WALL = 4  # arrays of the wall shear stress, where it is summed
-
-_KEPT = 5  # arrays of the ordinary steps that are kept for the check
+# Arrays of the last states, for each set of kept factors, of the wall shear stress, where it is summed, and of the
+# ordinary steps that are kept for the check.
+_STATES, _PER_FACTORS, _WALL, _KEPT = 4, 3, 4, 5
 
 
 @dataclass(frozen=True)
@@ -50,13 +48,9 @@ def cut_back(directory: Path, step: int) -> None:
         head, *rows = lines_of(directory / name) or [""]
         folder.write_text(directory / name, head + "".join(rows_until(rows, step)))
     kept = {name for saved in read_saved_steps(directory) for name in (saved.old, saved.new)}
-    for path in directory.glob(folder.STATES):
+    kept |= {*cycles_until(directory, float(read_history(directory)["time"].iloc[-1]))}
+    for path in (*directory.glob(folder.STATES), *directory.glob(folder.WALL_CYCLES)):
         if path.name not in kept:
-            path.unlink()
-    reached = float(read_history(directory)["time"].iloc[-1])
-    cycles = cycles_until(directory, reached)
-    for path in directory.glob(folder.WALL_CYCLES):
-        if path.name not in cycles:
             path.unlink()
 
 

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import logging
-import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -22,16 +21,10 @@ _SAME = 1e-9
 
 @dataclass(frozen=True)
 class WallCycle:
-    """Sums of the wall shear stress tau over one cycle.
+    """Sums of the wall shear stress tau over cycle ``number``, from 1, between the times ``start`` and ``end``, s.
 
-    Attributes:
-        number: of the cycle, from 1.
-        start: time at which it begins, s.
-        end: time at which it ends, s.
-        node: (n,) P2 node of each point, in the middle of a wet edge.
-        integral: (n, 2) integral of tau, Pa s.
-        magnitude: (n,) integral of |tau|, Pa s.
-        peak: (n,) largest |tau|, Pa.
+    ``node`` (n,) is the P2 node of each point, in the middle of a wet edge; ``integral`` (n, 2) Pa s that of tau,
+    ``magnitude`` (n,) Pa s that of |tau|, ``peak`` (n,) Pa the largest |tau|.
     """
 
     number: int
@@ -64,23 +57,15 @@ class WallCycle:
             InputError: a node is none of the cycle's.
         """
         order = np.argsort(self.node)
-        place = np.minimum(np.searchsorted(self.node, nodes, sorter=order), len(order) - 1)
-        place = order[place]
+        place = order[np.minimum(np.searchsorted(self.node, nodes, sorter=order), len(order) - 1)]
         if not np.array_equal(self.node[place], nodes):
             raise InputError("the sums of the wall shear stress belong to another mesh")
-        return WallCycle(
-            self.number, self.start, self.end, nodes, self.integral[place], self.magnitude[place],
-            self.peak[place],
-        )  # fmt: skip
+        sums = {name: getattr(self, name)[place] for name in ("integral", "magnitude", "peak")}
+        return replace(self, node=nodes, **sums)
 
 
 def oscillatory_shear_index(integral: ArrayLike, magnitude: ArrayLike) -> Floats:
-    """Return OSI = (1 - |int tau dt| / int |tau| dt) / 2, (n,); 0 where nothing ever flows.
-
-    Args:
-        integral: (n,) |int tau dt|, Pa s.
-        magnitude: (n,) int |tau| dt, Pa s.
-    """
+    """Return OSI = (1 - |int tau dt| / int |tau| dt) / 2, (n,), of both integrals (n,) Pa s; 0 where nothing flows."""
     vector, size = np.asarray(integral, dtype=float), np.asarray(magnitude, dtype=float)
     ratio = np.divide(vector, size, out=np.ones_like(size), where=size != 0)
     # Of one rounding above 1 where the direction never changes.
@@ -88,12 +73,7 @@ def oscillatory_shear_index(integral: ArrayLike, magnitude: ArrayLike) -> Floats
 
 
 def relative_residence_time(tawss: ArrayLike, osi: ArrayLike) -> Floats:
-    """Return RRT = 1 / ((1 - 2 OSI) TAWSS), (n,) 1/Pa; infinite where its denominator is zero.
-
-    Args:
-        tawss: (n,) Pa.
-        osi: (n,).
-    """
+    """Return RRT = 1 / ((1 - 2 OSI) TAWSS), (n,) 1/Pa, of TAWSS in Pa; infinite where its denominator is zero."""
     with np.errstate(divide="ignore"):
         return np.asarray(1.0 / ((1.0 - 2.0 * np.asarray(osi, dtype=float)) * np.asarray(tawss, dtype=float)))
 
@@ -108,33 +88,26 @@ def read_cycle(path: Path) -> WallCycle:
         head, times, node, x, y, magnitude, peak = read_arrays(path, (int, float, int, float, float, float, float))
     except (OSError, RawFileError) as error:
         raise InputError(f"cannot read {path}: {error}") from error
-    if len(head) != 3 or head[0] != _VERSION or len(times) != 2 or any(len(a) != head[2] for a in (node, x, y, peak)):
-        raise InputError(f"{path} is no file of the wall shear stress of this version")
+    lengths = [len(array) for array in (head, times, node, x, y, magnitude, peak)]
+    if lengths != [3, 2, *[len(node)] * 5] or head[::2].tolist() != [_VERSION, len(node)]:
+        raise InputError(f"{path}: no sums of the wall shear stress, or of another version")
     integral = np.column_stack([x, y]).astype(np.float64)
     sums = [array.astype(np.float64) for array in (magnitude, peak)]
     return WallCycle(int(head[1]), float(times[0]), float(times[1]), node.astype(np.int64), integral, *sums)
 
 
 def read_cycles(directory: Path) -> list[WallCycle]:
-    """Return the cycles that a run has written, in time.
-
-    Raises:
-        InputError: a file is damaged.
-    """
-    return [read_cycle(path) for path in sorted(directory.glob("wall-*.bin"))]
+    """Return the cycles that a run has written, in time; raises InputError if a file is damaged."""
+    return [read_cycle(path) for path in sorted(directory.glob(folder.WALL_CYCLES))]
 
 
 def cycles_until(directory: Path, time: float) -> list[str]:
     """Return the names of the files of cycles that end by a time in s."""
-    return sorted(path.name for path in directory.glob(folder.WALL_CYCLES) if _cycle_end(path) <= time * (1 + _SAME))
-
-
-def _cycle_end(path: Path) -> float:
-    """Return the time (s) at which the cycle of a file ends; infinity if it was cut off by a kill."""
-    from ffsi.files.cycles import read_cycle
-
-    try:
-        return read_cycle(path).end
-    except InputError as error:
-        logger.debug("%s", error)
-        return math.inf
+    found = []
+    for path in sorted(directory.glob(folder.WALL_CYCLES)):
+        try:
+            if read_cycle(path).end <= time * (1 + _SAME):
+                found.append(path.name)
+        except InputError as error:  # cut off by a kill
+            logger.debug("%s", error)
+    return found

@@ -52,25 +52,9 @@ PICTURES = ("velocity", "pressure", "displacement")
 _LONGEST_PATH, _LONGEST_NAME = 4000, 255
 
 _OURS = (
-    *DEFINITION,
-    LOG,
-    RESULT,
-    "result-*.json",
-    HISTORY,
-    MESH,
-    FAILED,
-    FAILED_STATE,
-    *IN_TIME,
-    STOP,
-    SERIES,
-    LOGS,
-    "point-*.json",
-    "point-*.bin",
-    WALL,
-    "wall-????.csv",
-    "fields*.vtu",
-    *(f"{name}*.png" for name in PICTURES),
-    *(f"{name}.gif" for name in PICTURES),
+    *(*DEFINITION, LOG, RESULT, "result-*.json", HISTORY, MESH, FAILED, FAILED_STATE, *IN_TIME, STOP, SERIES, LOGS),
+    *("point-*.json", "point-*.bin", WALL, "wall-????.csv", "fields*.vtu"),
+    *(f"{name}{ending}" for name in PICTURES for ending in ("*.png", ".gif")),
     ".*.part",  # what a kill left
 )
 
@@ -126,22 +110,14 @@ def check_usable(directory: Path) -> None:
 
 
 def refuse_links(directory: Path, patterns: Sequence[str]) -> None:
-    """Refuse a folder in which a name that matches one of the patterns is a symbolic link.
-
-    Raises:
-        InputError: it is.
-    """
+    """Raise InputError for a folder in which a name that matches one of the patterns is a symbolic link."""
     for path in directory.iterdir():
         if path.is_symlink() and any(path.match(pattern) for pattern in patterns):
             raise InputError(f"{path} is a symbolic link; ffsi writes through none. Remove it, or give another folder")
 
 
 def check_writable(directory: Path) -> None:
-    """Refuse a folder that cannot be made or written into; writes nothing.
-
-    Raises:
-        InputError: a name is too long, or nobody may write there.
-    """
+    """Raise InputError for a folder with too long a name, or where nobody may write; writes nothing."""
     whole = directory.absolute()
     if len(os.fsencode(whole)) > _LONGEST_PATH or any(len(os.fsencode(part)) > _LONGEST_NAME for part in whole.parts):
         raise InputError(
@@ -155,11 +131,7 @@ def check_writable(directory: Path) -> None:
 
 
 def prepare(directory: Path) -> None:
-    """Create `directory`, or empty it of an earlier run's files (other files stay).
-
-    Raises:
-        InputError: as `check_usable`.
-    """
+    """Create `directory`, or empty it of an earlier run's files (other files stay); raises as `check_usable`."""
     check_usable(directory)
     directory.mkdir(parents=True, exist_ok=True)
     clear(directory)
@@ -185,14 +157,8 @@ def keep_log(directory: Path) -> None:
 def held(directory: Path, check: Callable[[Path], None] = check_usable) -> Iterator[None]:
     """Make a folder if need be, and keep other calls of ffsi out of it while this one works there.
 
-    The lock is the kernel's and ends with its process, so there are no stale ones.
-
-    Args:
-        directory: of a run, or with another `check` of a sweep.
-        check: refuses a folder that cannot be used, before anything is made.
-
-    Raises:
-        InputError: as `check`, or another one is at work there.
+    The lock is the kernel's and ends with its process, so there are no stale ones. `check` refuses a folder that cannot
+    be used, before anything is made. Raises InputError as it does, or if another one is at work there.
     """
     check(directory)
     directory.mkdir(parents=True, exist_ok=True)
@@ -244,11 +210,7 @@ def write_json(path: Path, data: Mapping[str, Any]) -> None:
 
 
 def read_json(path: Path) -> dict[str, Any]:
-    """Read a JSON object.
-
-    Raises:
-        InputError: the file is missing, damaged or holds no object.
-    """
+    """Read a JSON object. Raises InputError if the file is missing, damaged or holds no object."""
     try:
         data = reading.read_json(path)
     except OSError as error:

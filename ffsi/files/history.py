@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import logging
-import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -25,10 +24,7 @@ def read_history(directory: Path) -> pd.DataFrame:
 
     Columns `time`, `step` (the length of the step), both s, `drag`, `lift` (N/m, with a fluid), `tip_ux`, `tip_uy` (m,
     with a solid), `min_jacobian`, `iterations`, `factorized` (both numbers of the step) and `seconds` (since the start
-    of the process). A line that was cut off by a kill is left out.
-
-    Raises:
-        InputError: the file is missing or damaged.
+    of the process). A line that was cut off by a kill is left out. Raises InputError as `read_rows`.
     """
     return read_rows(directory / folder.TIME_HISTORY)
 
@@ -67,11 +63,7 @@ def seconds_of_run(history: pd.DataFrame) -> float:
 
 
 def read_rows(path: Path) -> pd.DataFrame:
-    """Return the complete rows of a table.
-
-    Raises:
-        InputError: the file is missing, empty or damaged.
-    """
+    """Return the complete rows of a table; raises InputError if the file is missing, empty or damaged."""
     lines = lines_of(path)
     if not lines:
         raise InputError(f"{path} is missing or empty")
@@ -91,18 +83,13 @@ def lines_of(path: Path) -> list[str]:
 
 def rows_until(rows: Sequence[str], step: int) -> Iterator[str]:
     """Yield the rows up to a step; ordinary steps, which a run writes at its end, stand behind later ones."""
-    last = 0.0
+    last = 0
     for row in rows:
-        number = _number(row)
+        try:
+            number = int(row.partition(",")[0])
+        except ValueError:
+            return
         if not last <= number <= step:
             return
         last = number
         yield row
-
-
-def _number(row: str) -> float:
-    """Return the number of the step at the start of a row; infinity if there is none."""
-    try:
-        return int(row.partition(",")[0])
-    except ValueError:
-        return math.inf

@@ -20,12 +20,7 @@ _NEVER_ABSENT = ("case", "status", "point", "steps", "points", "old", "new", "pa
 
 
 def read_table(path: Path) -> dict[str, Any]:
-    """Read a JSON object of a run folder whose known keys have the types that they should have.
-
-    Raises:
-        InputError: another type, where; or as `reading.read_json`.
-        OSError: the file cannot be read.
-    """
+    """Read a JSON object of a run folder; raises InputError and OSError as `refuse_other_types` and `read_json`."""
     data = read_json(path)
     refuse_other_types(path, data)
     assert isinstance(data, dict)
@@ -33,11 +28,7 @@ def read_table(path: Path) -> dict[str, Any]:
 
 
 def refuse_other_types(path: Path, data: Any) -> None:
-    """Refuse data that is no table, or whose known keys have values of another type.
-
-    Raises:
-        InputError: the file, the key, the value and what it should be.
-    """
+    """Raise InputError, with file, key, value and what it should be, for no table or known keys of another type."""
     if not isinstance(data, Mapping):
         raise InputError(f"{path} holds no JSON object")
     for key, value in data.items():

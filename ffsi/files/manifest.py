@@ -134,11 +134,7 @@ def begin(directory: Path, checkpoint: Checkpoint) -> None:
 def newest_checkpoint(directory: Path) -> Checkpoint | None:
     """Return the latest checkpoint that fits its record, with all that a run believes which goes on from it.
 
-    Returns:
-        The checkpoint; None if none was recorded.
-
-    Raises:
-        InputError: the record is damaged, or none of its checkpoints fits.
+    None if none was recorded. Raises InputError if the record is damaged, or none of its checkpoints fits.
     """
     data = _read(directory)
     if not data["checkpoints"]:
@@ -190,11 +186,7 @@ def _wrong_at(directory: Path, data: Mapping[str, Any], entry: Mapping[str, Any]
 
 
 def _read(directory: Path) -> dict[str, Any]:
-    """Return the record, an empty one if there is none.
-
-    Raises:
-        InputError: it is damaged.
-    """
+    """Return the record, an empty one if there is none; raises InputError if it is damaged."""
     path = directory / folder.MANIFEST
     if not path.is_file():
         return {"checkpoints": [], "files": {}, "end": {}}

@@ -21,15 +21,10 @@ _DIGITS = 18  # of a whole number: what fits into 64 bits
 
 
 def read_bytes(path: Path, at_most: int) -> bytes:
-    """Return the content of an ordinary file.
+    """Return the content of an ordinary file of ``at_most`` so many bytes.
 
-    Args:
-        path: the file; a device, a pipe or a folder is refused without reading from it.
-        at_most: bytes that are accepted.
-
-    Raises:
-        InputError: no ordinary file, or more than ``at_most`` bytes.
-        OSError: the system does not let it be read.
+    Raises InputError for a larger one, and, without reading from it, for a device, a pipe or a folder; OSError if the
+    system does not let it be read.
     """
     if "\0" in str(path):
         raise InputError(f"{path} is no name of a file")
@@ -46,9 +41,7 @@ def read_bytes(path: Path, at_most: int) -> bytes:
 def read_text(path: Path, at_most: int = 100 * MEGABYTE) -> str:
     """Return the content of a text file in UTF-8, with or without a mark in front.
 
-    Raises:
-        InputError: as `read_bytes`; also for other bytes.
-        OSError: as `read_bytes`.
+    Raises as `read_bytes`, and InputError for other bytes.
     """
     try:
         return read_bytes(path, at_most).decode("utf-8-sig")
@@ -59,19 +52,13 @@ def read_text(path: Path, at_most: int = 100 * MEGABYTE) -> str:
 def read_json(path: Path, *, finite: bool = True) -> Any:
     """Return the content of a JSON file, of any type; NaN and Infinity are accepted only if not `finite`.
 
-    Raises:
-        InputError: as `read_text`; also for what is no JSON, a number that is none, not finite or has more than 18
-            digits, a key that occurs twice, and nesting that is too deep.
-        OSError: as `read_bytes`.
+    Raises as `read_text`, and InputError for what is no JSON, a number that is none, not finite or has more than 18
+    digits, a key that occurs twice, and nesting that is too deep.
     """
-    text = read_text(path)
+    text, constant = read_text(path), _no_number if finite else float
     try:
         return json.loads(
-            text,
-            parse_constant=_no_number if finite else float,
-            parse_float=_finite,
-            parse_int=_whole,
-            object_pairs_hook=_table,
+            text, parse_constant=constant, parse_float=_finite, parse_int=_whole, object_pairs_hook=_table
         )
     except RecursionError:
         raise InputError(f"{path} is no valid JSON: the nesting is too deep") from None
@@ -80,12 +67,7 @@ def read_json(path: Path, *, finite: bool = True) -> Any:
 
 
 def read_frame(path: Path) -> pd.DataFrame:
-    """Return the table in a CSV file with a head.
-
-    Raises:
-        InputError: as `read_text`; also if it is no such table.
-        OSError: as `read_bytes`.
-    """
+    """Return the table in a CSV file with a head; raises as `read_text`, and InputError if it is no such table."""
     import pandas as pd
 
     text = read_text(path, LONGEST_TABLE)

@@ -16,11 +16,7 @@ _GROWS = "grows"
 
 
 def seal(path: Path, *, grows: bool = False) -> Seal:
-    """Return size and SHA-256 of a file; of one that grows, of what it holds now.
-
-    Raises:
-        OSError: it cannot be read.
-    """
+    """Return size and SHA-256 of a file; of one that grows, of what it holds now. OSError if it cannot be read."""
     with path.open("rb") as file:
         digest = hashlib.file_digest(file, "sha256").hexdigest()
         found = {"bytes": file.tell(), "sha256": digest}
@@ -47,12 +43,7 @@ def fits(path: Path, wanted: Mapping[str, Any]) -> bool:
 
 
 def broken(directory: Path, files: Any) -> list[str]:
-    """Return a sentence for every file that is not what was sealed.
-
-    Args:
-        directory: where the files are.
-        files: seals by the files' names.
-    """
+    """Return a sentence for every file of a folder that is not what was sealed, `files`: seals by name."""
     if not isinstance(files, Mapping):
         return ["its list of checksums is damaged"]
     found = []
@@ -64,11 +55,7 @@ def broken(directory: Path, files: Any) -> list[str]:
 
 
 def write(path: Path, data: Mapping[str, Any]) -> dict[str, Any]:
-    """Write JSON whose last key `digest` is the SHA-256 of the whole text without its own digits.
-
-    Returns:
-        The data as they are read again.
-    """
+    """Write JSON whose last key `digest` is the SHA-256 of the text without its digits; return it as read again."""
     plain = {key: value for key, value in data.items() if key != "digest"}
     body = folder.to_json(plain).removesuffix("\n}\n") + ","
     text = body + _END.format(_digest(body + _END.format("")))
@@ -78,12 +65,7 @@ def write(path: Path, data: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def problems(path: Path, data: Mapping[str, Any]) -> list[str]:
-    """Return why a JSON file that `write` has written, or one of the `files` that it seals, cannot be believed.
-
-    Args:
-        path: the file.
-        data: what it holds.
-    """
+    """Return why a JSON file of `write` that holds `data`, or one of the `files` that it seals, cannot be believed."""
     if "digest" not in data:
         return [f"{path.name} carries no checksum: an older version of ffsi has written it, or it was altered"]
     text = path.read_bytes().decode("utf-8", errors="replace")

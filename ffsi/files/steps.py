@@ -15,19 +15,12 @@ WINDKESSEL = ("windkessel_old", "windkessel_new")
 
 @dataclass(frozen=True)
 class SavedStep:
-    """A step whose states were written: one to be drawn, and to be checked.
+    """A step, number ``step`` from 1, whose states were written: one to be drawn, and to be checked.
 
-    Attributes:
-        step: its number, from 1.
-        time: at its end, s.
-        k: its length, s.
-        theta: weight of its end, dimensionless.
-        old: name of the file with the state at its start.
-        new: name of the file with the state at its end.
-        quantities: drag and lift at its end, N/m; none without a fluid.
-        windkessel: pressure of the outlet's compliance at its start and at its end, Pa; None without a Windkessel.
-        tolerance: of an ordinary step, which is only to be checked, `solver.step_tolerance`; 0 where the step was
-            solved to round-off.
+    It ends at ``time`` s, is ``k`` s long, and ``theta`` is the weight of its end; ``old`` and ``new`` are the names of
+    the files with the states at its start and end. ``quantities``: drag and lift at its end, N/m; none without a fluid.
+    ``windkessel``: pressure of the outlet's compliance at both, Pa; None without a Windkessel. ``tolerance`` of an
+    ordinary step, which is only to be checked: `solver.step_tolerance`; 0 where it was solved to round-off.
     """
 
     step: int
@@ -42,11 +35,7 @@ class SavedStep:
 
 
 def read_steps(directory: Path) -> list[SavedStep]:
-    """Return the steps that `steps.csv` lists, in time.
-
-    Raises:
-        InputError: the file is missing or damaged.
-    """
+    """Return the steps that `steps.csv` lists, in time; raises InputError if it is missing or damaged."""
     path = directory / folder.STEPS
     found = {}
     for row in read_rows(path).to_dict("records"):
@@ -65,11 +54,7 @@ def read_steps(directory: Path) -> list[SavedStep]:
 
 
 def read_saved_steps(directory: Path) -> list[SavedStep]:
-    """Return the steps that `steps.csv` lists and whose states are there, in time; none if there is no such file.
-
-    Raises:
-        InputError: the file is damaged.
-    """
+    """Return the steps that `steps.csv` lists and whose states are there, in time; none if there is no such file."""
     steps = read_steps(directory) if (directory / folder.STEPS).is_file() else []
     return [step for step in steps if (directory / step.old).is_file() and (directory / step.new).is_file()]
 

@@ -18,27 +18,19 @@ _INDICES = ("tawss", "osi", "rrt")
 
 
 def cycle_tables(scene: Scene, mesh: RawMesh, cycles: Sequence[WallCycle]) -> pd.DataFrame:
-    """Return one row per cycle and point of the walls.
+    """Return one row per cycle, of which there is at least one, and point of the walls.
 
     Columns: `cycle`, those of `parts.wall_frame`, `tawss`, `peak` (Pa), `osi`, `rrt` (1/Pa), and `mean_x`, `mean_y`,
     the mean of the stress over the cycle (Pa).
-
-    Args:
-        scene: the scene.
-        mesh: the reference mesh.
-        cycles: at least one.
     """
     points = wall_points(mesh, wall_labels(scene))
     where = wall_frame(scene, points)
     tables = []
     for cycle in cycles:
         at = cycle.at(points.middle)
-        mean = at.integral / (at.end - at.start)
-        tables.append(
-            where.assign(
-                tawss=at.tawss, peak=at.peak, osi=at.osi, rrt=at.rrt, mean_x=mean[:, 0], mean_y=mean[:, 1]
-            ).assign(cycle=cycle.number)
-        )
+        x, y = at.integral.T / (at.end - at.start)
+        found = where.assign(tawss=at.tawss, peak=at.peak, osi=at.osi, rrt=at.rrt, mean_x=x, mean_y=y)
+        tables.append(found.assign(cycle=cycle.number))
     return pd.concat(tables, ignore_index=True)
 
 
@@ -76,12 +68,9 @@ def cycle_summary(scene: Scene, mesh: RawMesh, cycles: Sequence[WallCycle]) -> l
 
 
 def change(before: Floats, after: Floats, weight: Floats) -> float:
-    """Return the difference of a quantity between two cycles: its norm over the walls, relative to that of the latter.
+    """Return the norm over the walls of a difference between two cycles, relative to the norm of the later one.
 
-    Args:
-        before: (n,) in the earlier cycle.
-        after: (n,) in the later one.
-        weight: (n,) lengths of the edges, m.
+    All are (n,): the values in both and the lengths of the edges, m.
     """
     size = float(np.sqrt(weight @ after**2))
     return float(np.sqrt(weight @ (after - before) ** 2)) / size if size != 0 else 0.0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -27,12 +27,7 @@ def rates(mesh: RawMesh, state: RawState, viscosity: float) -> dict[str, float]:
     """Return the flow rates in and out, m^2/s, and their difference relative to the larger one.
 
     Of a fluid at rest both are rounding: that of its pressure, whose smallest flow p H^2/mu (through the inlet) times
-    a small factor is the least that the difference is related to.
-
-    Args:
-        mesh: the reference mesh.
-        state: the unknowns.
-        viscosity: of the fluid at rest, Pa s.
+    a small factor is the least that the difference is related to. `viscosity` is that of the fluid at rest, Pa s.
     """
     into, out = 0.0 - flow_rate(mesh, state, INLET), flow_rate(mesh, state, OUTLET)  # not -0.0 of a rest
     height = float(wall_points(mesh, [INLET]).length.sum())
@@ -41,31 +36,12 @@ def rates(mesh: RawMesh, state: RawState, viscosity: float) -> dict[str, float]:
     return {"flow_rate_in": into, "flow_rate_out": out, "mass_balance": (into - out) / (scale or 1.0)}
 
 
-@dataclass(frozen=True)
-class DomeFlow:
-    """Flow through the neck line of an aneurysm: rate into the dome (m^2/s), area of the dome (m^2).
+def dome_flow(mesh: RawMesh, state: RawState, fields: Fields) -> dict[str, float]:
+    """Return what comes through the straight line between the neck's ends, where the deformed walls have them.
 
-    The flow into the dome and the one out of it cross the line in different places; `inflow` is the former.
-    """
-
-    inflow: float
-    area: float
-
-    @property
-    def turnover_time(self) -> float:
-        """Time in which the inflow fills the dome once, s; infinite without inflow."""
-        return self.area / self.inflow if self.inflow != 0 else np.inf
-
-
-def dome_flow(mesh: RawMesh, state: RawState, fields: Fields) -> DomeFlow:
-    """Return the flow through the straight line between the neck's ends, where the deformed walls have them.
-
-    The line must not move with the mesh: how the mesh follows the walls is no part of the flow.
-
-    Args:
-        mesh: the reference mesh of an aneurysm.
-        state: the unknowns.
-        fields: the same unknowns as fields.
+    `dome_inflow` (m^2/s) is the rate into the dome, which crosses the line elsewhere than that out of it, `dome_area`
+    (m^2), and with an inflow `turnover_time` (s), in which it fills the dome once. The line must not move with the
+    mesh: how the mesh follows the walls is no part of the flow. `fields` are those of the state.
     """
     dome = wall_points(mesh, [DOME_WALL])
     at = mesh.p2_coordinates + state.u
@@ -81,4 +57,6 @@ def dome_flow(mesh: RawMesh, state: RawState, fields: Fields) -> DomeFlow:
     outline = at[np.column_stack([dome.ends[:, 0], dome.middle]).ravel()]
     x, y = np.concatenate([outline, end[None]]).T
     area = abs(float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))) / 2
-    return DomeFlow(float(np.maximum(through, 0).sum()), area)
+    inflow = float(np.maximum(through, 0).sum())
+    flow = {"dome_inflow": inflow, "dome_area": area}
+    return flow | {"turnover_time": area / inflow} if inflow != 0 else flow

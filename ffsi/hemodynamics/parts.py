@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
@@ -19,51 +21,26 @@ NECK_ZONE = 0.25
 _PIECES = 21  # odd: one of them lies at the point
 
 
-def neck_radius(geometry: Aneurysm) -> float:
-    """Return the distance (m) from the neck's ends up to which a wall belongs to the neck."""
-    return NECK_ZONE * geometry.neck_length
-
-
-def part_names(scene: Scene) -> tuple[str, ...]:
-    """Return the parts with quantities of their own: those of an aneurysm, else the names of the wet boundaries."""
-    if isinstance(scene.geometry, Aneurysm):
-        return PARTS
-    wet = wall_labels(scene)
-    return tuple(dict.fromkeys(boundary.name for boundary in boundaries(scene) if boundary.label in wet))
-
-
 def part_of(scene: Scene, label: NDArray[np.int64], position: Floats) -> NDArray[np.str_]:
     """Return the part of the wall of reference points (n, 2) in m on boundaries with some labels (n,).
 
     Of an aneurysm "dome", "neck", "vessel" or "stent", elsewhere the boundary's name.
     """
-    if isinstance(scene.geometry, Aneurysm):
-        return _part_of_aneurysm(scene.geometry, label, position)
-    names = {boundary.label: boundary.name for boundary in boundaries(scene)}
-    labels, place = np.unique(label, return_inverse=True)
-    return np.array([names[number] for number in labels.tolist()], dtype=np.str_)[place]
-
-
-def _part_of_aneurysm(geometry: Aneurysm, label: NDArray[np.int64], position: Floats) -> NDArray[np.str_]:
+    if not isinstance(scene.geometry, Aneurysm):
+        names = {boundary.label: boundary.name for boundary in boundaries(scene)}
+        labels, place = np.unique(label, return_inverse=True)
+        return np.array([names[number] for number in labels.tolist()], dtype=np.str_)[place]
     found = np.where(label == DOME_WALL, "dome", np.where(label >= STRUTS, "stent", "vessel"))
-    distance = np.min([np.hypot(*(position - end).T) for end in np.array(geometry.neck)], axis=0)
-    return np.where((distance < neck_radius(geometry)) & (found != "stent"), "neck", found)
+    distance = np.min([np.hypot(*(position - end).T) for end in np.array(scene.geometry.neck)], axis=0)
+    near = distance < NECK_ZONE * scene.geometry.neck_length
+    return np.where(near & (found != "stent"), "neck", found)
 
 
 def over_parts(scene: Scene, points: WallPoints, values: Floats, length: Floats) -> dict[str, dict[str, float]]:
-    """Return mean, largest and smallest value on each part of the walls.
+    """Return `mean`, `max` and `min` of values (n,) at the points, for each part of the walls that has points.
 
-    All are those of the piecewise linear curve through the points, up to the part's border. An aneurysm's parts may end
-    within an edge.
-
-    Args:
-        scene: the scene.
-        points: of the walls.
-        values: (n,) at the points.
-        length: (n,) lengths of the deformed edges, m.
-
-    Returns:
-        For each part that has points: `mean`, `max` and `min` in the unit of the values.
+    They are those of the piecewise linear curve through the points, up to the part's border; an aneurysm's parts may
+    end within an edge. `length` (n,) m is that of the deformed edges.
     """
     # Every edge in small pieces: its value, its place in the reference mesh and its share of the edge's length.
     share = (np.arange(_PIECES) + 0.5) / _PIECES - 0.5
@@ -77,8 +54,12 @@ def over_parts(scene: Scene, points: WallPoints, values: Floats, length: Floats)
     label = np.repeat(points.label, _PIECES)
     part = part_of(scene, label, place.reshape(-1, 2))
     weight = np.repeat(length / _PIECES, _PIECES)
+    names: Sequence[str] = PARTS
+    if not isinstance(scene.geometry, Aneurysm):
+        wet = wall_labels(scene)
+        names = list(dict.fromkeys(boundary.name for boundary in boundaries(scene) if boundary.label in wet))
     found = {}
-    for name in part_names(scene):
+    for name in names:
         at = fine.ravel()[part == name]
         if at.size:
             mean = float(np.average(at, weights=weight[part == name]))

@@ -24,22 +24,13 @@ class Result(PlainResult):
 
     @property
     def aneurysm(self) -> AneurysmState:
-        """Wall shear stress, effective stress and flow into the dome of the last state.
-
-        Raises:
-            InputError: no state was saved, or the geometry is no aneurysm.
-        """
+        """Stresses and flow into the dome of the last state; raises InputError without one, or without an aneurysm."""
         if self.state_file is None:
             raise InputError(f"{self.directory} holds no state")
         return self.aneurysm_at(self.state_file)
 
     def aneurysm_at(self, state: str) -> AneurysmState:
-        """Return the same of a saved state, given the name of its file.
-
-        Raises:
-            InputError: the geometry is no aneurysm.
-        """
-
+        """Return the same of a saved state, given the name of its file; raises InputError without an aneurysm."""
         found = self.walls_at(state)
         if not isinstance(found, AneurysmState):
             raise InputError(f'the geometry "{self.scene.geometry.kind}" is no aneurysm')
@@ -52,7 +43,6 @@ class Result(PlainResult):
 
     def walls_at(self, state: str) -> WallState | None:
         """Return the same of a saved state, given the name of its file."""
-
         if not reports_walls(self.scene):
             return None
         kind = AneurysmState if isinstance(self.scene.geometry, Aneurysm) else WallState
@@ -91,10 +81,9 @@ class Result(PlainResult):
         found = {} if walls is None else walls.field_evaluations
         last = self.saved_steps[-1].new if self.saved_steps else self.state_file
         if state in (last, self.state_file) and self.scene.output.wall is not None:
-            found["fields of the last cycle"] = lambda: self._last_cycle
+            found["fields of the last cycle"] = self._last_cycle
         return found
 
-    @property
     def _last_cycle(self) -> dict[str, Floats]:
         found = read_cycles(self.directory)
         return cycles.cycle_point_data(self.scene, self.raw_mesh, found[-1]) if found else {}

@@ -28,14 +28,7 @@ def reports_walls(scene: Scene) -> bool:
 
 @dataclass(frozen=True)
 class WallState:
-    """One state of a flow with walls.
-
-    Attributes:
-        scene: the scene, with a fluid.
-        mesh: the reference mesh.
-        state: the unknowns.
-        fields: the same unknowns as fields.
-    """
+    """One state of a flow with walls, in a scene with a fluid; `fields` are the unknowns of the `state` as fields."""
 
     scene: Scene
     mesh: RawMesh
@@ -64,10 +57,7 @@ class WallState:
     @property
     def evaluations(self) -> Evaluations[float]:
         """What `quantities` consists of, by what it is in words: one that fails takes no other with it."""
-        return {
-            "flow rates": self._flow_rates,
-            "wall shear stress by part": self._stress_by_part,
-        }
+        return {"flow rates": self._flow_rates, "wall shear stress by part": self._stress_by_part}
 
     def _flow_rates(self) -> dict[str, float]:
         assert self.scene.fluid is not None

@@ -19,20 +19,11 @@ _PIECES = 20  # of an edge, in which the end of a zone is looked for
 
 
 def cauchy_stress(law: Elastic, gradient: Floats, pressure: Floats | None = None) -> Floats:
-    """Return the Cauchy stress (n, 3, 3) in Pa of a solid in plane strain, from F = diag(I + grad u, 1).
+    """Return the Cauchy stress (n, 3, 3) in Pa of a solid in plane strain; NaN where J <= 0.
 
-    It is that of the checker's material: P F^T / J, and across the plane the derivative of its energy.
-
-    Args:
-        law: the material.
-        gradient: (n, 2, 2) grad u.
-        pressure: (n,) Pa, of a mixed solid.
-
-    Returns:
-        The stress; NaN where J <= 0 has none.
-
-    Raises:
-        ValueError: the checker does not know the material, or the energy of it is one of the plane alone.
+    It is that of the checker's material, from grad u (n, 2, 2) and the pressure (n,) Pa of a mixed solid: P F^T / J,
+    F = diag(I + grad u, 1), and across the plane the derivative of its energy. Raises ValueError if the checker does
+    not know the material, or the energy of it is one of the plane alone.
     """
     material = material_of(law)
     first_piola, energy = material.first_piola, material.energy
@@ -42,7 +33,7 @@ def cauchy_stress(law: Elastic, gradient: Floats, pressure: Floats | None = None
     stress = np.zeros((len(gradient), 3, 3))
     stress[:, :2, :2] = first_piola(gradient) @ transpose(IDENTITY + gradient)
     stress[:, 2, 2] = stress_across(energy, gradient)
-    stress /= 1.0 + dilatation(gradient)[:, None, None]
+    stress /= 1.0 + np.real(dilatation(gradient))[:, None, None]
     if pressure is not None:
         stress -= pressure[:, None, None] * np.eye(3)
     return stress
@@ -58,11 +49,6 @@ def effective_stress(scene: Scene, mesh: RawMesh, state: RawState) -> dict[str, 
     """Return the effective stress of each solid at the P2 nodes, (n2,) Pa, NaN outside of it.
 
     At a node it is the mean over the solid's triangles around it, weighted by their areas.
-
-    Args:
-        scene: the scene with its materials.
-        mesh: the reference mesh.
-        state: the unknowns.
     """
     found = {}
     mixed = iter(range(len(state.ps)))
@@ -86,19 +72,10 @@ def largest_beyond(
     """Return the largest value on those parts of the triangles' edges that lie beyond a zone.
 
     Towards a corner the stress rises up to the zone's end: the largest value at a node would depend on how near to it a
-    node happens to lie. So edges are cut there.
+    node happens to lie. So edges are cut there. It is NaN if a value is; ValueError is raised if nothing lies beyond.
 
-    Args:
-        mesh: the reference mesh.
-        inside: (n_triangles,) which triangles count.
-        values: (n2,) at the P2 nodes, quadratic along an edge.
-        beyond: how far beyond the zone's end reference points (..., 2) are; negative in the zone.
-
-    Returns:
-        The largest value, NaN if one of them is.
-
-    Raises:
-        ValueError: nothing lies beyond the zone.
+    `inside` (n_triangles,) tells which triangles count, `values` (n2,) are quadratic along an edge, and `beyond` maps
+    reference points (..., 2) to how far they are beyond the zone's end, negative in it.
     """
     nodes = mesh.p2[inside]
     edge = nodes[:, _SIDES].reshape(-1, 3)

@@ -9,6 +9,7 @@ import numpy as np
 
 from ffsi.files.arrays import Floats, Ints, RawMesh, RawState
 from ffsi.result.fields import FLUID
+from ffsi.result.gradients import node_gradients
 from ffsi.scene import Scene, boundaries
 from ffsi.scene.fluids import IncompressibleFluid
 
@@ -18,18 +19,10 @@ class WallPoints:
     """The middles of the edges at which the fluid meets a wall, in the order of the walls, the fluid to the left.
 
     The gradient of a quadratic function is linear in its triangle: its value there is its mean over the edge.
-
-    Attributes:
-        label: (n,) label of the edge.
-        chain: (n,) number of the connected line of edges, from 0.
-        ends: (n, 2) P2 nodes of the edge's start and end.
-        middle: (n,) P2 node in the edge's middle, the point itself.
-        nodes: (n, 6) P2 nodes of the fluid's triangle, as in `RawMesh.p2`.
-        gradient: (n, 6, 2) derivatives of its shape functions in the reference mesh, 1/m.
-        normal: (n, 2) unit normal of the reference edge, out of the fluid.
-        position: (n, 2) reference coordinates, m.
-        length: (n,) length of the reference edge, m.
-        arc: (n,) distance along the chain from its start, in the reference mesh, m.
+    `label` (n,) is that of the edge, `chain` (n,) the number of its connected line, from 0, `ends` (n, 2) and `middle`
+    (n,) its P2 nodes; `nodes` (n, 6) those of the fluid's triangle, as in `RawMesh.p2`, and `gradient` (n, 6, 2) the
+    derivatives of its shape functions, 1/m. All in the reference mesh: `normal` (n, 2), a unit vector out of the fluid,
+    `position` (n, 2) and `length` (n,), m, and `arc` (n,), the distance along the chain from its start, m.
     """
 
     label: Ints
@@ -50,12 +43,7 @@ def wall_labels(scene: Scene) -> list[int]:
 
 
 def wall_points(mesh: RawMesh, labels: Collection[int]) -> WallPoints:
-    """Return the points of the walls with some labels.
-
-    Args:
-        mesh: the reference mesh.
-        labels: of the wet boundaries.
-    """
+    """Return the points of the walls with some labels, those of wet boundaries."""
     fluid = np.flatnonzero(mesh.region == FLUID)
     sides = mesh.sides[fluid].ravel()
     order = np.argsort(sides)
@@ -87,7 +75,7 @@ def wall_points(mesh: RawMesh, labels: Collection[int]) -> WallPoints:
         ends=np.column_stack([mesh.vertex_nodes[start], mesh.vertex_nodes[end]]),
         middle=mesh.p2[triangle, 3 + side].astype(np.int64),
         nodes=mesh.p2[triangle].astype(np.int64),
-        gradient=_gradients(mesh.vertices[mesh.triangles[triangle]], side),
+        gradient=node_gradients(mesh.vertices[mesh.triangles[triangle]])[0][np.arange(len(side)), 3 + side],
         normal=np.column_stack([tangent[:, 1], -tangent[:, 0]]) / length[:, None],
         position=(mesh.vertices[start] + mesh.vertices[end]) / 2,
         length=length,
@@ -115,33 +103,11 @@ def _chains(start: Ints, end: Ints) -> tuple[Ints, Ints]:
     return np.array(sequence, dtype=np.int64), np.array(chain, dtype=np.int64)
 
 
-def _gradients(corners: Floats, side: Ints) -> Floats:
-    """Return the derivatives (n, 6, 2) of quadratic shape functions at the middle of the side opposite to a vertex."""
-    a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    area = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
-    slope = np.empty((len(corners), 3, 2))  # of the barycentric coordinates
-    slope[:, 1] = np.column_stack([b[:, 1], -b[:, 0]]) / area[:, None]
-    slope[:, 2] = np.column_stack([-a[:, 1], a[:, 0]]) / area[:, None]
-    slope[:, 0] = -slope[:, 1] - slope[:, 2]
-    at = np.where(np.arange(3) == side[:, None], 0.0, 0.5)
-    gradient = np.empty((len(corners), 6, 2))
-    for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
-        gradient[:, i] = (4 * at[:, i] - 1)[:, None] * slope[:, i]
-        gradient[:, 3 + i] = 4 * (at[:, j, None] * slope[:, k] + at[:, k, None] * slope[:, j])
-    return gradient
-
-
 def wall_shear_stress(points: WallPoints, state: RawState, fluid: IncompressibleFluid) -> Floats:
     """Return the shear stress of the fluid on its walls, (n, 2) Pa, a vector along the deformed wall.
 
     tau = t - (t.n) n with t = mu (grad v + grad v^T) n, spatial gradients, n the unit normal of the deformed wall into
-    the fluid: the force that the flow exerts on the wall.
-
-    Args:
-        points: of the walls.
-        state: the unknowns.
-        fluid: its viscosity law; mu belongs to the shear rate at the wall.
+    the fluid, mu at the shear rate of the wall: the force that the flow exerts on it.
     """
     deformation = np.einsum("nai,naj->nij", state.u[points.nodes], points.gradient) + np.eye(2)
     jacobian = deformation[:, 0, 0] * deformation[:, 1, 1] - deformation[:, 0, 1] * deformation[:, 1, 0]
@@ -159,15 +125,9 @@ def wall_shear_stress(points: WallPoints, state: RawState, fluid: Incompressible
 
 
 def at_nodes(points: WallPoints, values: Floats, n_p2: int) -> Floats:
-    """Return values along the walls at all P2 nodes: at a vertex the mean of its two edges, NaN off the walls.
+    """Return values (n, ...) at the points at all P2 nodes, (n2, ...): at a vertex the mean of its two edges.
 
-    Args:
-        points: of the walls.
-        values: (n,) or (n, k) at the points.
-        n_p2: number of P2 nodes.
-
-    Returns:
-        (n2,) or (n2, k) in the unit of the values.
+    Off the walls they are NaN.
     """
     total, count = np.zeros((n_p2, *values.shape[1:])), np.zeros(n_p2)
     for nodes in (points.middle, *points.ends.T):

@@ -1,24 +1,9 @@
 """Independent reference checker: numpy and scipy only, no code and no formula text shared with the FreeFEM scripts.
 
-``check_run``, ``check_state`` and ``check_step`` judge a solution; ``ffsi.reference.solve`` computes small ones, steady
-or step by step, from scratch.
+``check_run`` judges a run folder, ``check.check_state`` one state or step; ``solve`` computes small ones, steady or
+step by step, from scratch.
 """
 
-from ffsi.reference.check import CheckReport, check_run, check_state, check_step
-from ffsi.reference.problem import Boundary, Fluid, MeshMotion, Problem, Solid
-from ffsi.reference.step import Step
-from ffsi.reference.system import System
+from ffsi.reference.check import CheckReport, check_run
 
-__all__ = [
-    "Boundary",
-    "CheckReport",
-    "Fluid",
-    "MeshMotion",
-    "Problem",
-    "Solid",
-    "Step",
-    "System",
-    "check_run",
-    "check_state",
-    "check_step",
-]
+__all__ = ["CheckReport", "check_run"]

@@ -9,20 +9,19 @@ from typing import Any
 import numpy as np
 
 from ffsi.files.arrays import Floats, Ints, RawMesh, RawState, read_mesh, read_state
+from ffsi.files.cycles import read_cycles
 from ffsi.files.json_types import read_table
 from ffsi.files.steps import WINDKESSEL, read_steps
 from ffsi.reference.forces import Forces, compute_forces
 from ffsi.reference.from_scene import problem_from_scene, refuse_other_parameters, refuse_other_step, theta_of
-from ffsi.reference.history import History
+from ffsi.reference.history import History, reservoirs
 from ffsi.reference.ordinary import ALLOWED, LARGEST, Corrector
-from ffsi.reference.outlet import at_outlet, reservoirs
-from ffsi.reference.problem import Problem
-from ffsi.reference.quantities import Quantity, compare, energies, recompute
+from ffsi.reference.quantities import Quantity, at_outlet, compare, energies, recompute
 from ffsi.reference.relative import largest, relative
 from ffsi.reference.residual import compute_residual
 from ffsi.reference.step import Step
 from ffsi.reference.system import Mask, System
-from ffsi.reference.wall import Passage, WallCycle, wall_shear
+from ffsi.reference.wall import Passage, cycle_difference, wall_shear
 from ffsi.scene import Scene
 
 TOLERANCE = 1e-8
@@ -31,7 +30,6 @@ Shown = Callable[[Scene, RawMesh, RawState], tuple[Ints, Floats]]
 STEPS = "steps.csv"
 HISTORY = "history.csv"
 POINT = "point-0001.bin"
-CYCLES = "wall-*.bin"
 QUANTITIES, STEP_ERROR = "quantities_difference", "step_error"
 _SAME = 1e-9
 # Residuals of an ordinary step that say nothing: large, where a solid is stiff. The others are linear, and exact.
@@ -40,6 +38,22 @@ AT_OUTLET = ("flow_rate_out", "outlet_pressure")
 # What a history must have of what is known of a state.
 IN_HISTORY = {"drag", "lift", "tip_ux", "tip_uy", "min_jacobian", "kinetic", "elastic", "dissipated"}
 _FORCES = {"drag", "lift", "drag_coefficient", "lift_coefficient"}
+# What each number of a report is.
+_WORDS = {
+    "momentum": "relative residual of the momentum",
+    "continuity": "relative residual of the continuity",
+    "kinematics": "largest solid velocity, less that of its displacement, relative to the largest velocity",
+    "mesh_motion": "relative residual of the mesh motion",
+    "incompressibility": "relative residual of the volume of mixed solids",
+    "dirichlet": "largest relative deviation from a prescribed value",
+    "drag_difference": "relative difference between reported and recomputed drag",
+    "lift_difference": "relative difference between reported and recomputed lift",
+    "coefficient_difference": "relative difference between reported and recomputed force coefficients",
+    "outlet_difference": "relative difference between reported and recomputed flow rate or pressure at the outlet",
+    "wall_difference": "relative difference between reported and recomputed shear stress on the walls",
+    STEP_ERROR: "error of an ordinary step, relative to its tolerance,",
+    QUANTITIES: "largest relative difference between a reported and a recomputed quantity",
+}
 # Below this part of the field a prescribed value is as wrong as rounding makes the field.
 _ROUNDING = 1e-5
 
@@ -49,13 +63,10 @@ class CheckReport:
     """What the reference checker found; every number is relative and None where the scene has no such quantity.
 
     ``momentum``, ``continuity``, ``kinematics``, ``mesh_motion``, ``incompressibility`` (volume of mixed solids):
-    residuals as docs/theory.md scales them.
-    ``dirichlet``: largest deviation from a prescribed value. ``drag_difference``, ``lift_difference``,
-    ``coefficient_difference``: reported against recomputed forces. ``outlet_difference``: likewise the flow rate out,
-    the pressure at the outlet and that of the reservoir behind it; ``wall_difference``: the shear stress on the walls,
-    and its sums over cycles; ``quantities_difference``: every other quantity. ``min_jacobian``: smallest det F.
-    ``step_error``: what ordinary steps in time lack, over their tolerance, at most ``ordinary.ALLOWED``.
-    ``forces``: the recomputed forces, both forms. ``failures``: one sentence for each number above ``tolerance``.
+    residuals as docs/theory.md scales them; the others in the words of a failure (``_WORDS``). ``outlet_difference``
+    has the pressure of the reservoir behind the outlet, too, ``wall_difference`` the sums over cycles; ``step_error``
+    may be at most ``ordinary.ALLOWED``. ``min_jacobian``: smallest det F. ``forces``: the recomputed ones, both forms.
+    ``failures``: one sentence for each number above ``tolerance``.
     Of several time steps every number is the worst, and the forces are those of the last one.
     """
 
@@ -84,41 +95,17 @@ class CheckReport:
 
 
 def check_state(
-    problem: Problem,
-    mesh: RawMesh,
-    state: RawState,
-    reported_quantities: Mapping[str, float],
-    tolerance: float = TOLERANCE,
+    system: System, state: RawState, reported: Mapping[str, Any], tolerance: float = TOLERANCE
 ) -> CheckReport:
-    """Check that ``state`` solves ``problem`` on ``mesh`` and that the reported forces are its forces.
+    """Check that ``state`` solves ``system``, steady or of a time step, and that what is reported is what it has.
 
-    ``reported_quantities`` must hold ``drag`` and ``lift`` (N per metre depth) of a body, ``flow_rate_out`` (m2/s) and
-    ``outlet_pressure`` (Pa) of an outlet with a pressure, and may hold every other quantity that
-    ``reference.quantities`` recomputes; one that it does not know differs. Raises ``ValueError`` if mesh, state and
-    problem do not fit together.
+    ``reported`` quantities must hold ``drag`` and ``lift`` (N per metre depth) of a body, ``flow_rate_out`` (m2/s) and
+    ``outlet_pressure`` (Pa) of an outlet with a pressure, and ``windkessel_old`` and ``windkessel_new`` (Pa) of a step
+    with a Windkessel; they may hold every other one that ``reference.quantities`` recomputes, and one that it does not
+    know differs. A program that solves to a looser accuracy than ``tolerance`` needs a larger one. Raises
+    ``ValueError`` if the state does not fit the system.
     """
-    return _report([_examine(System.build(problem, mesh), state, reported_quantities)], tolerance)
-
-
-def check_step(
-    problem: Problem,
-    mesh: RawMesh,
-    old: RawState,
-    new: RawState,
-    step: Step,
-    reported_quantities: Mapping[str, float],
-    tolerance: float = TOLERANCE,
-    reservoir: float = 0.0,
-) -> CheckReport:
-    """Check that the time step from ``old`` to ``new`` solves ``problem``, and the forces reported at its end.
-
-    ``reservoir`` Pa is the pressure of a Windkessel at the start; ``reported_quantities`` then holds ``windkessel_old``
-    and ``windkessel_new``, that at both ends.
-    The pressure of ``old`` enters where a ``mixed`` solid has it. A program that solves its steps to a looser accuracy
-    than ``tolerance`` needs a larger one. Other arguments and errors are those of ``check_state``.
-    """
-    system = System.build(problem, mesh).stepping(old, step, reservoir)
-    return _report([_examine(system, new, reported_quantities)], tolerance)
+    return _report([_examine(system, state, reported)], tolerance)
 
 
 def check_run(
@@ -213,7 +200,7 @@ def _examine_steps(
     stored = [0.0] * (len(history) + 1)
     if outlet is not None and outlet.presses:
         stored = reservoirs(outlet, history, theta_of(scene))
-    cycles = [WallCycle.read(path) for path in sorted(directory.glob(CYCLES))]
+    cycles = read_cycles(directory)
     found, passages, corrector = [], [], Corrector()
     for entry in entries:
         step, number = Step(entry.k, entry.theta, entry.time), entry.step
@@ -247,70 +234,40 @@ def _examine_steps(
         raise ValueError(f"{directory / STEPS}: the last step, {number}, was not solved to round-off")
     if number != len(history):
         raise ValueError(f"{history.path}: {len(history)} rows, but the last step is {number}")
-    if not _same(after, read_state(directory / POINT, mesh)):
+    if not all(map(np.array_equal, after.fields, read_state(directory / POINT, mesh).fields)):
         raise ValueError(f"{directory / POINT}: not the state at the end of the last step, {entry.new}")
     found[-1].compare(last, found[-1].quantities, found[-1].quantities.keys() - set(WINDKESSEL))
     for cycle in cycles:
-        difference = largest([cycle.difference(passages), found[-1].numbers.get("wall_difference", 0.0)])
+        difference = largest([cycle_difference(cycle, passages), found[-1].numbers.get("wall_difference", 0.0)])
         found[-1].numbers["wall_difference"] = difference
     return found
-
-
-def _same(one: RawState, other: RawState) -> bool:
-    """Whether two states are the same to the last digit."""
-    pairs = ((one.u, other.u), (one.v, other.v), (one.p, other.p), (one.ps, other.ps))
-    return all(np.array_equal(*pair) for pair in pairs)
 
 
 def _report(found: Sequence[_Findings], tolerance: float) -> CheckReport:
     """Gather what was found in one state, or in several: then the worst of each number counts."""
     names = list(dict.fromkeys(name for each in found for name in each.numbers))
-    worst = {name: _worst(found, name) for name in names}
-    numbers = {name: each.numbers[name] for name, each in worst.items()}
+    worst = {name: max(found, key=lambda each: _badness(each.numbers.get(name, -math.inf))) for name in names}
+    inverted = found[int(np.argmin([each.min_jacobian for each in found]))]
+    numbers: dict[str, Any] = {name: worst[name].numbers[name] if name in worst else None for name in _WORDS}
+    failures = _failures(worst, inverted, tolerance)
     return CheckReport(
-        momentum=numbers.get("momentum"),
-        continuity=numbers.get("continuity"),
-        kinematics=numbers.get("kinematics"),
-        mesh_motion=numbers.get("mesh_motion"),
-        incompressibility=numbers.get("incompressibility"),
-        dirichlet=numbers["dirichlet"],
-        drag_difference=numbers.get("drag_difference"),
-        lift_difference=numbers.get("lift_difference"),
-        coefficient_difference=numbers.get("coefficient_difference"),
-        outlet_difference=numbers.get("outlet_difference"),
-        wall_difference=numbers.get("wall_difference"),
-        quantities_difference=numbers.get(QUANTITIES),
-        step_error=numbers.get(STEP_ERROR),
-        min_jacobian=float(np.min([each.min_jacobian for each in found])),
+        **numbers,
+        min_jacobian=inverted.min_jacobian,
         tolerance=tolerance,
         forces=found[-1].forces,
-        failures=_failures(worst, found[int(np.argmin([each.min_jacobian for each in found]))], tolerance),
+        failures=failures,
     )
 
 
-def _worst(found: Sequence[_Findings], name: str) -> _Findings:
-    """Return where a number is largest or no number."""
-
-    def badness(each: _Findings) -> float:
-        number = each.numbers.get(name, -math.inf)
-        return math.inf if math.isnan(number) else number
-
-    return max(found, key=badness)
+def _badness(number: float) -> float:
+    return math.inf if math.isnan(number) else number
 
 
 def _dirichlet(system: System, state: RawState) -> float:
     """Largest deviation from the prescribed u, v, p, ps, each relative to its own scale."""
-    rows, increment = system.rows, system.increment
-    old = increment.old if increment is not None else state
-    return largest(
-        _deviation(*each)
-        for each in (
-            (state.u, rows.prescribed.u, rows.u_given, old.u),
-            (state.v, rows.prescribed.v, rows.v_given, old.v),
-            (state.p, rows.prescribed.p, rows.p_given, old.p),
-            (state.ps, rows.prescribed.ps, rows.ps_given, old.ps),
-        )
-    )
+    rows, old = system.rows, system.increment.old if system.increment is not None else state
+    fields = zip(state.fields, rows.prescribed.fields, rows.given, old.fields, strict=True)
+    return largest(_deviation(*each) for each in fields)
 
 
 def _deviation(values: Floats, prescribed: Floats, given: Mask, old: Floats) -> float:
@@ -337,28 +294,13 @@ def _force_differences(known: Mapping[str, Quantity], reported: Mapping[str, Any
 
 def _failures(worst: Mapping[str, _Findings], inverted: _Findings, tolerance: float) -> list[str]:
     """One sentence for each number, by name, that is above the tolerance or not a number where it is worst."""
-    words = {
-        "momentum": "relative residual of the momentum",
-        "continuity": "relative residual of the continuity",
-        "kinematics": "largest solid velocity, less that of its displacement, relative to the largest velocity",
-        "mesh_motion": "relative residual of the mesh motion",
-        "incompressibility": "relative residual of the volume of mixed solids",
-        "dirichlet": "largest relative deviation from a prescribed value",
-        "drag_difference": "relative difference between reported and recomputed drag",
-        "lift_difference": "relative difference between reported and recomputed lift",
-        "coefficient_difference": "relative difference between reported and recomputed force coefficients",
-        "outlet_difference": "relative difference between reported and recomputed flow rate or pressure at the outlet",
-        "wall_difference": "relative difference between reported and recomputed shear stress on the walls",
-        STEP_ERROR: "error of an ordinary step, relative to its tolerance,",
-        QUANTITIES: "largest relative difference between a reported and a recomputed quantity",
-    }
     failures = []
     forces: dict[str, Forces] = {}
     for name, found in worst.items():
         allowed = ALLOWED if name == STEP_ERROR else tolerance
         if not (number := found.numbers[name]) <= allowed:
             more = f" ({found.words[name]})" if name in found.words else ""
-            failures.append(f"{name}: the {words[name]} is {number:.2e}{found.place}{more}, allowed is {allowed:.0e}")
+            failures.append(f"{name}: the {_WORDS[name]} is {number:.2e}{found.place}{more}, allowed is {allowed:.0e}")
             if name in ("drag_difference", "lift_difference", "coefficient_difference"):
                 forces[found.place] = found.forces
     for place, force in forces.items():

@@ -1,6 +1,6 @@
 """Conditions at the boundaries: how fluid comes in and goes out, and what holds a wall from outside."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -28,8 +28,7 @@ class Inflow:
         """Velocities (n, 2) at points (n, 2) of the inlet."""
         x, y = self.inward
         s = (points - np.array(self.start)) @ np.array([-y, x])
-        result: Floats = self.velocity(s, time)[:, None] * np.array(self.inward)
-        return result
+        return np.asarray(self.velocity(s, time)[:, None] * np.array(self.inward))
 
 
 @dataclass(frozen=True)
@@ -107,3 +106,57 @@ class Support:
 
     stiffness: float
     damping: float = 0.0
+
+
+# Waveforms ---------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Series:
+    """Fourier series of a waveform: sum of a_k cos(k w t) + b_k sin(k w t), k from 0, of one ``period``, seconds."""
+
+    period: float
+    cosine: Sequence[float]
+    sine: Sequence[float]
+
+    @property
+    def frequencies(self) -> Floats:
+        """k w, (n,), radians per second."""
+        return np.asarray(np.arange(len(self.cosine)) * (2.0 * np.pi / self.period), dtype=np.float64)
+
+    def waves(self, time: float) -> Array:
+        """c_k e^(i k w t), (n,), whose real parts are the terms of the series at a time."""
+        coefficients = np.array(self.cosine) - 1j * np.array(self.sine)
+        return np.asarray(coefficients * np.exp(1j * self.frequencies * time))
+
+    def __call__(self, time: float) -> float:
+        """Return the sum of the series at a time, seconds."""
+        return float(self.waves(time).real.sum())
+
+
+def womersley(
+    series: Series, mean: float, height: float, kinematic_viscosity: float
+) -> Callable[[Floats, float], Floats]:
+    """Velocity of s (n,) metres and time of the oscillating flow between plates with a ``mean`` velocity times series.
+
+    Source: J. R. Womersley, J. Physiol. 127 (1955), for a channel; each harmonic has the mean one over the height.
+    """
+
+    def velocity(s: Floats, time: float) -> Floats:
+        shapes = np.stack([_shape(s, height, w / kinematic_viscosity) for w in series.frequencies])
+        return np.asarray(mean * (series.waves(time) @ shapes).real)
+
+    return velocity
+
+
+def _shape(s: Floats, height: float, squared: float) -> Array:
+    """Shape (n,) of the harmonic whose factor of exp, b, has the square i ``squared``, 1/m2; a parabola for 0."""
+    if squared == 0.0:
+        return 6.0 * s * (height - s) / height**2
+    half = 0.5 * height
+    b = np.sqrt(1j * squared)
+    # cosh(b y)/cosh(b h) and tanh(b h) by decaying exponentials: those of the growing ones overflow.
+    last = np.exp(-2.0 * b * half)
+    inner = (np.exp(-b * (height - s)) + np.exp(-b * s)) / (1.0 + last)
+    tangent = (1.0 - last) / (1.0 + last)
+    return np.asarray((1.0 - inner) / (1.0 - tangent / (b * half)))

@@ -6,8 +6,10 @@ side opposite to vertex k - 3 above; side k runs from vertex k + 1 to vertex k +
 
 from dataclasses import dataclass
 from functools import cache
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ffsi.files.arrays import Floats, Ints
 
@@ -33,6 +35,13 @@ def p2_gradients(points: Floats) -> Floats:
     b1, b2 = np.roll(b, -1, axis=1), np.roll(b, -2, axis=1)
     db1, db2 = np.roll(db, -1, axis=1), np.roll(db, -2, axis=1)
     return np.concatenate([(4.0 * b - 1.0) * db, 4.0 * (b1 * db2 + b2 * db1)], axis=1)
+
+
+def scatter(local: NDArray[Any], nodes: Ints, size: int) -> Floats:
+    """Add local values (n, k, components) into nodes (n, k) of ``size`` nodes; (size, components)."""
+    where = nodes.ravel()
+    columns = [np.bincount(where, weights=column.ravel(), minlength=size) for column in np.moveaxis(local, -1, 0)]
+    return np.column_stack(columns)
 
 
 def radon_rule() -> tuple[Floats, Floats]:
@@ -63,8 +72,7 @@ def side_points(s: Floats) -> Floats:
     """Points (3, n, 2) of the unit triangle at the parameters ``s`` in [0, 1] along each of its three sides."""
     corners = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
     start, end = np.roll(corners, -1, axis=0), np.roll(corners, -2, axis=0)
-    points: Floats = start[:, None] + s[None, :, None] * (end - start)[:, None]
-    return points
+    return np.asarray(start[:, None] + s[None, :, None] * (end - start)[:, None])
 
 
 def line_basis(s: Floats) -> tuple[Floats, Floats]:

@@ -8,6 +8,7 @@ import numpy as np
 from ffsi.files.arrays import Floats, RawState
 from ffsi.reference import terms
 from ffsi.reference.elements import barycentric, gauss_rule, line_basis, p2_basis, p2_gradients, side_points
+from ffsi.reference.materials import Array
 from ffsi.reference.residual import Residual
 from ffsi.reference.system import FluidPart, Sides, System
 
@@ -73,23 +74,22 @@ def _force(system: System, fluid: FluidPart, state: RawState, residual: Residual
     )
 
 
-def _balanced_stress(system: System, fluid: FluidPart, sides: Sides, state: RawState) -> Floats:
+def _balanced_stress(system: System, fluid: FluidPart, sides: Sides, state: RawState) -> Array:
     """Stress at the Gauss points of sides as the momentum has it, that of both ends of a time step."""
     new = side_flow(fluid, sides, state)
     if (increment := system.increment) is None:
-        result: Floats = new.pressure_flux + new.viscous_flux(fluid.law.viscosity)
-        return result
+        return new.pressure_flux + new.viscous_flux(fluid.law.viscosity)
     old = side_flow(fluid, sides, increment.old)
-    return sum(terms.step_fluxes(fluid.law, increment.step, new, old).values(), np.zeros(()))
+    fluxes = terms.step_fluxes(fluid.law, increment.step, new, old)
+    return fluxes["pressure"] + fluxes["viscosity"]
 
 
-def side_forces(sides: Sides, stress: Floats) -> Floats:
+def side_forces(sides: Sides, stress: Array) -> Floats:
     """P N dS of stresses (n, 5, 2, 2) at the five Gauss points of each side, weights included, (n, 5, 2) N per metre.
 
     N points out of the fluid.
     """
-    result: Floats = np.einsum("nqij,nj,q->nqi", stress, sides.normal, gauss_rule()[1])
-    return result
+    return np.asarray(np.einsum("nqij,nj,q->nqi", stress, sides.normal, gauss_rule()[1]))
 
 
 def side_flow(fluid: FluidPart, sides: Sides, state: RawState, at: Floats | None = None) -> terms.Flow:

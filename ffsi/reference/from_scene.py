@@ -9,8 +9,7 @@ import numpy as np
 
 from ffsi.files.arrays import Floats
 from ffsi.reference import materials, viscosity
-from ffsi.reference.conditions import Inflow, Outlet, Support
-from ffsi.reference.inflow import Series, womersley
+from ffsi.reference.conditions import Inflow, Outlet, Series, Support, womersley
 from ffsi.reference.problem import FLUID_REGION, Boundary, Fluid, MeshMotion, Problem, Solid
 from ffsi.reference.step import Step
 from ffsi.scene import Scene, boundaries
@@ -28,7 +27,9 @@ _DAMPED_STEPS = 2
 MATERIALS: dict[str, Callable[[Any], materials.Material]] = {
     "st-venant-kirchhoff": lambda solid: materials.StVenantKirchhoff(*solid.lame),
     "neo-hookean": lambda solid: materials.NeoHookean(*solid.lame),
-    "mooney-rivlin": lambda solid: materials.MooneyRivlin(solid.c10, solid.c01, _bulk_modulus(solid)),
+    "mooney-rivlin": lambda solid: materials.MooneyRivlin(
+        solid.c10, solid.c01, math.inf if solid.bulk_modulus is None else solid.bulk_modulus
+    ),
 }
 
 
@@ -75,7 +76,9 @@ def problem_from_scene(scene: Scene) -> Problem:
         outlet=_outlet(scene),
         support=Support(scene.support.stiffness, scene.support.damping) if scene.support else None,
         traction=(scene.traction.x, scene.traction.y) if scene.traction else (0.0, 0.0),
-        mesh_motion=_mesh_motion(scene),
+        mesh_motion=MeshMotion(m.stiffness_exponent, m.divergence_weight, m.kind, m.distance_exponent)
+        if (m := scene.mesh_motion)
+        else None,
         mean_velocity=scene.inflow.mean_velocity if scene.inflow else None,
         reference_length=scene.forces.reference_length if scene.forces else None,
         names=dict(enumerate(scene.solid, start=FLUID_REGION + 1)),
@@ -88,30 +91,27 @@ def _inflow(scene: Scene) -> Inflow | None:
     if scene.inflow is None:
         return None
     inlet, ramp = scene.geometry.inlet, _ramp(scene)  # type: ignore[union-attr]
-    waves = _series(scene)
     if scene.inflow.profile == "womersley":
-        if waves is None or scene.fluid is None or scene.inflow.mean_velocity is None:
+        if (waves := _series(scene)) is None or scene.fluid is None or scene.inflow.mean_velocity is None:
             raise ValueError(f"{scene.name}: Womersley's profile needs a fluid and the Fourier series of its flow rate")
         kinematic = _viscosity(scene.fluid).outlet / scene.fluid.density
         flow = womersley(waves, scene.inflow.mean_velocity, inlet.height, kinematic)
     else:
-        flow = _separable(scene, waves)
+        flow = _separable(scene)
     return Inflow(lambda s, time: ramp(time) * flow(s, time), inlet.start, inlet.inward)
 
 
-def _separable(scene: Scene, waves: Series | None) -> Callable[[Floats, float], Floats]:
+def _separable(scene: Scene) -> Callable[[Floats, float], Floats]:
     """Profile of the scene times its waveform."""
-    profile, waveform = scene.inflow_profile(), waves or _formula(scene)
-
-    def flow(s: Floats, time: float) -> Floats:
-        # A profile may be a constant; nodes need one value each.
-        return waveform(time) * np.broadcast_to(np.asarray(profile(s), dtype=np.float64), s.shape)
-
-    return flow
+    profile, waveform = scene.inflow_profile(), _waveform(scene)
+    # A profile may be a constant; nodes need one value each.
+    return lambda s, time: waveform(time) * np.broadcast_to(np.asarray(profile(s), dtype=np.float64), s.shape)
 
 
-def _formula(scene: Scene) -> Callable[[float], float]:
-    """Waveform that is a formula of the time; one in a steady scene."""
+def _waveform(scene: Scene) -> Callable[[float], float]:
+    """Return the Fourier series or the formula of the time; one in a steady scene."""
+    if (waves := _series(scene)) is not None:
+        return waves
     if scene.inflow is None or scene.time is None:
         return lambda time: 1.0
     formula = scene.inflow.waveform_expression
@@ -156,16 +156,9 @@ def theta_of(scene: Scene) -> Callable[[float, int], float]:
     }
     if time.scheme not in weights:
         raise ValueError(f"the reference checker does not know the time scheme {time.scheme!r}")
-    weight, jumps = weights[time.scheme], _jumps(scene)
+    weight = weights[time.scheme]
+    jumps = scene.inflow is not None and abs(_ramp(scene)(0.0) * _waveform(scene)(0.0)) > _REST
     return lambda k, number: 1.0 if jumps and number <= _DAMPED_STEPS else weight(k)
-
-
-def _jumps(scene: Scene) -> bool:
-    """Whether there is an inflow from the start on."""
-    if scene.inflow is None:
-        return False
-    waves = _series(scene)
-    return abs(_ramp(scene)(0.0) * (waves or _formula(scene))(0.0)) > _REST
 
 
 def _series(scene: Scene) -> Series | None:
@@ -178,8 +171,7 @@ def refuse_other_step(scene: Scene, step: Step, number: int) -> None:
 
     ``number`` is that of the step, from 1.
     """
-    theta = theta_of(scene)(step.k, number)
-    time = scene.time
+    theta, time = theta_of(scene)(step.k, number), scene.time
     assert time is not None
     wrong = {
         f"k = {step.k!r} s, at most {time.step!r} s": step.k > time.step * (1.0 + _SLIVER + _SAME),
@@ -189,12 +181,6 @@ def refuse_other_step(scene: Scene, step: Step, number: int) -> None:
     }
     if found := [text for text, is_wrong in wrong.items() if is_wrong]:
         raise ValueError(f"{scene.name}: a step that the scene does not have: {'; '.join(found)}")
-
-
-def _mesh_motion(scene: Scene) -> MeshMotion | None:
-    if (motion := scene.mesh_motion) is None:
-        return None
-    return MeshMotion(motion.stiffness_exponent, motion.divergence_weight, motion.kind, motion.distance_exponent)
 
 
 def _viscosity(fluid: Any) -> viscosity.Viscosity:
@@ -208,11 +194,6 @@ def material_of(solid: Any, key: str = "solid") -> materials.Material:
     if solid.material not in MATERIALS:
         raise ValueError(f"{key}: the reference checker does not know the material {solid.material!r}")
     return MATERIALS[solid.material](solid)
-
-
-def _bulk_modulus(solid: Any) -> float:
-    """Return the bulk modulus in pascals; an incompressible solid has none."""
-    return math.inf if solid.bulk_modulus is None else float(solid.bulk_modulus)
 
 
 def refuse_other_parameters(scene: Scene, used: Mapping[str, float]) -> None:

@@ -1,13 +1,14 @@
-"""The history of a run in time: one row of numbers for every step, complete and in order."""
+"""The history of a run in time: one row of numbers for every step, complete and in order; and what follows from it."""
 
 import csv
 import io
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from ffsi.files.reading import LONGEST_TABLE, read_text
+from ffsi.reference.conditions import Outlet
 from ffsi.reference.step import Step
 
 # A time is the sum of the steps before it: its rounding, and this part of the step, may be missing.
@@ -101,10 +102,28 @@ def _numbers(path: Path, number: int, names: Sequence[str], row: Sequence[str]) 
     found = []
     for name, cell in zip(names, row, strict=True):
         try:
-            value = float(cell)
+            found.append(float(cell))
         except ValueError:
-            value = math.nan
-        if not math.isfinite(value):
+            found.append(math.nan)
+        if not math.isfinite(found[-1]):
             raise ValueError(f"{path}: row {number}: {name} = {cell!r} is no finite number")
-        found.append(value)
+    return found
+
+
+def reservoirs(outlet: Outlet, history: History, theta: Callable[[float, int], float]) -> list[float]:
+    """Pressure of the reservoir before the first step, which starts from rest, and after each, (steps + 1,) Pa.
+
+    It follows from the flow rates of the history; ``theta`` is the weight of a step by its length and its number.
+    Raises ``ValueError`` if the history has no flow rates.
+    """
+    if missing := {"flow_rate_out", "outlet_pressure"} - history.columns.keys():
+        raise ValueError(f"{history.path}: no column {', '.join(sorted(missing))}")
+    flow, times = history.columns["flow_rate_out"], zip(history.columns["step"], history.columns["time"], strict=True)
+    found, old = [outlet.pressure_at(0.0)], 0.0
+    if not outlet.stores:
+        return found * (len(flow) + 1)
+    for number, ((k, time), new) in enumerate(zip(times, flow, strict=True), start=1):
+        step = Step(k, theta(k, number), time)
+        found.append(float(outlet.reservoir_after(step, new, old, found[-1])))
+        old = new
     return found

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 # Real values, or complex ones where a complex step differentiates the residual.
-Array = NDArray[Any]
+Array = NDArray[np.inexact[Any]]
 
 IDENTITY = np.eye(2)
 
@@ -27,21 +27,19 @@ _STEP = 1e-30  # of the derivative across the plane
 _SAME = 1e-10
 # The same stretches in all directions of space: an isotropic body cannot tell them apart.
 _STRETCHES = tuple(itertools.permutations((0.2, -0.1, 0.0)))
+# What turns inside out has no logarithm: the stress is not a number, and no warning.
+_QUIET = np.errstate(divide="ignore", over="ignore", invalid="ignore")
 _PLANE_ALONE = "the energy of this material is one of the plane alone: the stress across the plane is not known"
 
 
 def trace(tensor: Array) -> Array:
     """Trace over the last two axes, (..., 2, 2) or (..., 3, 3) to (...)."""
-    total: Array = tensor[..., 0, 0] + tensor[..., 1, 1]
-    if tensor.shape[-1] == 3:
-        total = total + tensor[..., 2, 2]
-    return total
+    return np.asarray(np.einsum("...ii->...", tensor))
 
 
 def double_dot(first: Array, second: Array) -> Array:
     """Product a_ij b_ij over the last two axes, without conjugation, (..., n, n) to (...)."""
-    product: Array = np.einsum("...ij,...ij->...", first, second)
-    return product
+    return np.asarray(np.einsum("...ij,...ij->...", first, second))
 
 
 def transpose(tensor: Array) -> Array:
@@ -59,8 +57,7 @@ def cofactor(tensor: Array) -> Array:
 
 def determinant(tensor: Array) -> Array:
     """Determinant of the part of tensors in the plane."""
-    result: Array = tensor[..., 0, 0] * tensor[..., 1, 1] - tensor[..., 0, 1] * tensor[..., 1, 0]
-    return result
+    return np.asarray(tensor[..., 0, 0] * tensor[..., 1, 1] - tensor[..., 0, 1] * tensor[..., 1, 0])
 
 
 def dilatation(gradient: Array) -> Array:
@@ -69,15 +66,14 @@ def dilatation(gradient: Array) -> Array:
     if gradient.shape[-1] == 2:
         return plane
     across = gradient[..., 2, 2]
-    volume: Array = plane + across + plane * across
-    return volume
+    return plane + across + plane * across
 
 
 def stress_across(energy: Callable[[Array], Array], gradient: Array) -> Array:
-    """Stress dW/dF33 across the plane in plane strain, (...), by a complex step of the energy.
+    """Stress dW/dF33 across the plane in plane strain, (...), by a complex step of the energy; no number where J <= 0.
 
-    ``gradient`` is the displacement gradient (..., 2, 2); not a number where J <= 0. Raises ``ValueError`` if the
-    energy is one of the plane alone: of the same stretches in other directions it must be the same.
+    ``gradient`` is the displacement gradient (..., 2, 2). Raises ``ValueError`` if the energy is one of the plane
+    alone: of the same stretches in other directions it must be the same.
     """
     stretches = np.array(_STRETCHES)
     try:
@@ -89,8 +85,7 @@ def stress_across(energy: Callable[[Array], Array], gradient: Array) -> Array:
     body = np.zeros((*gradient.shape[:-2], 3, 3), dtype=complex)
     body[..., :2, :2] = gradient
     body[..., 2, 2] = _STEP * 1j
-    result: Array = np.where(dilatation(gradient) > -1.0, energy(body).imag / _STEP, np.nan)
-    return result
+    return np.where(dilatation(gradient) > -1.0, energy(body).imag / _STEP, np.nan)
 
 
 class Material(ABC):
@@ -114,8 +109,7 @@ class SplitMaterial(Material):
     """A law W = W_0(F) + kappa U(J) whose part U can be handed over to a pressure p = -kappa U'(J) as an unknown.
 
     With d(U) = U'(J) cof F : dF the stress is P = dW_0/dF + kappa U' cof F = dW_0/dF - p cof F. U'' = 1 at rest, so
-    that ``volume_modulus`` kappa is the whole resistance of U to a change of volume; it is infinite for an
-    incompressible solid, of which only W_0 is used.
+    that kappa is the whole resistance of U to a change of volume. Of an incompressible solid only W_0 is used.
     """
 
     @abstractmethod
@@ -146,15 +140,18 @@ class SplitMaterial(Material):
 
     def energy(self, gradient: Array) -> Array:
         """Sum of both parts of the strain energy."""
-        result: Array = self.base_energy(gradient) + self.volume_modulus * self.volume_energy(dilatation(gradient))
-        return result
+        return self.base_energy(gradient) + self.volume_modulus * self.volume_energy(dilatation(gradient))
 
+    @_QUIET
+    def volume_stress(self, gradient: Array) -> Array:
+        """Stress kappa U' cof F, (..., 2, 2), of the displacement gradient."""
+        slope = self.volume_modulus * self.volume_slope(dilatation(gradient))
+        return slope[..., None, None] * cofactor(IDENTITY + gradient)
+
+    @_QUIET
     def first_piola(self, gradient: Array) -> Array:
         """Sum of both parts of the stress."""
-        with np.errstate(invalid="ignore"):
-            slope = self.volume_modulus * self.volume_slope(dilatation(gradient))
-            result: Array = self.base_stress(gradient) + slope[..., None, None] * cofactor(IDENTITY + gradient)
-        return result
+        return self.base_stress(gradient) + self.volume_stress(gradient)
 
     @property
     def stiffness(self) -> float:
@@ -177,16 +174,15 @@ class StVenantKirchhoff(Material):
 
     def energy(self, gradient: Array) -> Array:
         """Strain energy from the invariants of C - I."""
-        strain = gradient + transpose(gradient) + transpose(gradient) @ gradient
-        result: Array = self.lame_lambda / 8.0 * trace(strain) ** 2 + self.lame_mu / 4.0 * double_dot(strain, strain)
-        return result
+        strain = _strain(gradient)
+        energy = self.lame_lambda / 8.0 * trace(strain) ** 2 + self.lame_mu / 4.0 * double_dot(strain, strain)
+        return np.asarray(energy)
 
     def first_piola(self, gradient: Array) -> Array:
         """Stress from the left Cauchy-Green tensor; tr(b - I) = tr(C - I)."""
         left = gradient + transpose(gradient) + gradient @ transpose(gradient)
         inner = self.lame_mu * left + 0.5 * self.lame_lambda * trace(left)[..., None, None] * IDENTITY
-        result: Array = inner @ (IDENTITY + gradient)
-        return result
+        return np.asarray(inner @ (IDENTITY + gradient))
 
     @property
     def stiffness(self) -> float:
@@ -207,24 +203,21 @@ class NeoHookean(SplitMaterial):
 
     def base_energy(self, gradient: Array) -> Array:
         """W_0 from I1 - 3 and ln J."""
-        result: Array = self.lame_mu * (0.5 * _first_invariant(gradient) - _log_jacobian(gradient))
-        return result
+        return self.lame_mu * (0.5 * _first_invariant(gradient) - _log_jacobian(gradient))
 
     def base_stress(self, gradient: Array) -> Array:
         """Stress of the shear modulus."""
-        result: Array = self.lame_mu * _excess(gradient)
-        return result
+        return self.lame_mu * _excess(gradient)
 
+    @_QUIET
     def volume_energy(self, change: Array) -> Array:
         """Half the square of ln J."""
-        result: Array = 0.5 * _log1p(change) ** 2
-        return result
+        return np.asarray(0.5 * np.log1p(change) ** 2)
 
+    @_QUIET
     def volume_slope(self, change: Array) -> Array:
         """The quotient ln J / J."""
-        with np.errstate(divide="ignore", invalid="ignore"):
-            result: Array = _log1p(change) / (1.0 + change)
-        return result
+        return np.asarray(np.log1p(change) / (1.0 + change))
 
     @property
     def volume_modulus(self) -> float:
@@ -258,31 +251,24 @@ class MooneyRivlin(SplitMaterial):
 
     def base_energy(self, gradient: Array) -> Array:
         """W_0 by J^a (3 + i) - 3 = (J^a - 1)(3 + i) + i."""
-        log, first = _log_jacobian(gradient), _first_invariant(gradient)
-        strain = gradient + transpose(gradient) + transpose(gradient) @ gradient
+        log, first, strain = _log_jacobian(gradient), _first_invariant(gradient), _strain(gradient)
         second = 2.0 * first + (first**2 - double_dot(strain, strain)) / 2.0
-        result: Array = self.c10 * (np.expm1(-2.0 / 3.0 * log) * (3.0 + first) + first) + self.c01 * (
-            np.expm1(-4.0 / 3.0 * log) * (3.0 + second) + second
-        )
-        return result
+        parts = [np.expm1(-a / 3.0 * log) * (3.0 + i) + i for a, i in ((2.0, first), (4.0, second))]
+        return np.asarray(self.c10 * parts[0] + self.c01 * parts[1])
 
+    @_QUIET
     def base_stress(self, gradient: Array) -> Array:
         """Sum of the parts of C10 and C01."""
-        change = dilatation(gradient)[..., None, None]
-        first = _first_invariant(gradient)[..., None, None]
-        square = change * (2.0 + change)
-        with np.errstate(over="ignore", invalid="ignore"):
-            power = np.exp(-2.0 / 3.0 * _log_jacobian(gradient))[..., None, None]
-            excess, inverse = _excess(gradient), _inverse_transposed(gradient)
-            result: Array = 2.0 * self.c10 * power * (excess - first / 3.0 * inverse) + 2.0 * self.c01 * power**2 * (
-                excess + (square - 2.0 * first) / 3.0 * inverse
-            )
-        return result
+        change, first = dilatation(gradient)[..., None, None], _first_invariant(gradient)[..., None, None]
+        power = np.exp(-2.0 / 3.0 * _log_jacobian(gradient))[..., None, None]
+        excess, inverse = _excess(gradient), _inverse_transposed(gradient)
+        of_c01 = excess + (change * (2.0 + change) - 2.0 * first) / 3.0 * inverse
+        of_c10 = excess - first / 3.0 * inverse
+        return np.asarray(2.0 * self.c10 * power * of_c10 + 2.0 * self.c01 * power**2 * of_c01)
 
     def volume_energy(self, change: Array) -> Array:
         """Half the square of J - 1."""
-        result: Array = 0.5 * change**2
-        return result
+        return np.asarray(0.5 * change**2)
 
     def volume_slope(self, change: Array) -> Array:
         """The change of volume itself."""
@@ -299,54 +285,15 @@ class MooneyRivlin(SplitMaterial):
         return 8.0 / 3.0 * (self.c10 + self.c01)
 
 
-@dataclass(frozen=True)
-class PseudoSolid(Material):
-    """The fluid's mesh as a compressible neo-Hookean solid, W = (|F|^2 - 2)/2 - ln J + beta/2 (ln J)^2.
-
-    Shear modulus 1 and Lame constant ``beta``; the energy grows without bound as J = det F falls to zero. Since
-    dJ = cof F : dF, the derivative of ln J is cof F / J = F^-T, and the stress has the two parts F - F^-T and
-    beta ln J F^-T. The volume's part, and with it the whole stress, is not a number where J <= 0.
-    """
-
-    beta: float
-
-    def energy(self, gradient: Array) -> Array:
-        """Strain energy from |F|^2 - 2 and ln J."""
-        log = _log_jacobian(gradient)
-        result: Array = 0.5 * _first_invariant(gradient) - log + 0.5 * self.beta * log**2
-        return result
-
-    def shape_stress(self, gradient: Array) -> Array:
-        """Part F - F^-T of the stress, (..., 2, 2)."""
-        return _excess(gradient)
-
-    def volume_stress(self, gradient: Array) -> Array:
-        """Part beta ln J F^-T of the stress, (..., 2, 2)."""
-        with np.errstate(invalid="ignore"):
-            result: Array = self.beta * _log_jacobian(gradient)[..., None, None] * _inverse_transposed(gradient)
-        return result
-
-    def first_piola(self, gradient: Array) -> Array:
-        """Sum of both parts."""
-        result: Array = self.shape_stress(gradient) + self.volume_stress(gradient)
-        return result
-
-    @property
-    def stiffness(self) -> float:
-        """Return beta + 2."""
-        return self.beta + 2.0
-
-
+@_QUIET
 def _log_jacobian(gradient: Array) -> Array:
     """ln J of the displacement gradient, (...); not a number where J < 0."""
-    return _log1p(dilatation(gradient))
+    return np.log1p(dilatation(gradient))
 
 
-def _log1p(change: Array) -> Array:
-    """ln J of J - 1, (...); not a number where J < 0."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        result: Array = np.log1p(change)
-    return result
+def _strain(gradient: Array) -> Array:
+    """C - I of the displacement gradient, twice Green's strain."""
+    return gradient + transpose(gradient) + transpose(gradient) @ gradient
 
 
 def _first_invariant(gradient: Array) -> Array:
@@ -354,20 +301,17 @@ def _first_invariant(gradient: Array) -> Array:
     return 2.0 * trace(gradient) + double_dot(gradient, gradient)
 
 
+@_QUIET
 def _inverse_transposed(gradient: Array) -> Array:
     """F^-T = cof F / J of the displacement gradient, (..., 2, 2)."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        result: Array = cofactor(IDENTITY + gradient) / (1.0 + dilatation(gradient)[..., None, None])
-    return result
+    return cofactor(IDENTITY + gradient) / (1.0 + dilatation(gradient)[..., None, None])
 
 
+@_QUIET
 def _excess(gradient: Array) -> Array:
     """F - F^-T of the displacement gradient H, (..., 2, 2).
 
     Written ((J - 1) F + H - cof H) / J, because cof F = I + cof H in 2D: so small H keep their digits.
     """
     change = dilatation(gradient)[..., None, None]
-    inner = change * (IDENTITY + gradient) + gradient - cofactor(gradient)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        result: Array = inner / (1.0 + change)
-    return result
+    return (change * (IDENTITY + gradient) + gradient - cofactor(gradient)) / (1.0 + change)

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ffsi.reference.materials import IDENTITY, Array, PseudoSolid, trace, transpose
+from ffsi.reference.materials import IDENTITY, Array, NeoHookean, trace, transpose
 
 
 def harmonic(gradient: Array, beta: float) -> dict[str, Array]:
@@ -23,9 +23,9 @@ def linear_elastic(gradient: Array, beta: float) -> dict[str, Array]:
 
 
 def hyperelastic(gradient: Array, beta: float) -> dict[str, Array]:
-    """The two parts of the pseudo-solid's stress, F - F^-T and beta ln J F^-T, not a number where J <= 0."""
-    solid = PseudoSolid(beta)
-    return {"shape": solid.shape_stress(gradient), "volume": solid.volume_stress(gradient)}
+    """Stress of a neo-Hookean solid by its parts, F - F^-T and beta ln J F^-T, not a number where J <= 0."""
+    solid = NeoHookean(beta, 1.0)
+    return {"shape": solid.base_stress(gradient), "volume": solid.volume_stress(gradient)}
 
 
 # By the kind of a scene's mesh motion.

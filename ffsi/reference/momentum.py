@@ -21,7 +21,7 @@ def fluid_momentum(system: System, fluid: FluidPart, u: Array, v: Array, flow: t
     gravity, elements = system.problem.gravity, fluid.elements
     if (increment := system.increment) is None:
         return terms.fluid_momentum(fluid.law, gravity, elements, flow)
-    step, before = increment.step, old_flow(fluid, increment.old)
+    step, before = increment.step, flow_of(fluid, increment.old)
     mesh_velocity = elements.basis @ step.rate(u, increment.old.u[elements.nodes])
     return terms.fluid_step(fluid.law, gravity, elements, step, flow, before, mesh_velocity)
 
@@ -31,7 +31,8 @@ def solid_momentum(system: System, solid: SolidPart, u: Array, v: Array, p: Arra
     gravity, elements = system.problem.gravity, solid.elements
     if (increment := system.increment) is None:
         return terms.solid_momentum(solid.law, gravity, elements, u, p)
-    before, old_p = old_motion(increment.old, elements.nodes), solid_pressure(solid, increment.old)
+    old, nodes = increment.old, elements.nodes
+    before, old_p = terms.Motion(old.u[nodes], old.v[nodes]), solid_pressure(solid, old)
     return terms.solid_step(solid.law, gravity, elements, increment.step, terms.Motion(u, v), before, p, old_p)
 
 
@@ -39,8 +40,7 @@ def solid_pressure(solid: SolidPart, state: RawState) -> Floats:
     """Pressure at the vertices of the solid's triangles, (n, 3) pascals; (n, 0) for a solid without one."""
     if solid.pressure is None:
         return np.zeros((len(solid.elements), 0))
-    pressure: Floats = state.ps[solid.pressure][solid.elements.vertices]
-    return pressure
+    return np.asarray(state.ps[solid.pressure][solid.elements.vertices])
 
 
 def outlet_sides(system: System, fluid: FluidPart) -> Sides:
@@ -93,23 +93,22 @@ def support(system: System, held: Support, edges: Ints, u: Array, v: Array) -> A
     length = np.hypot(*(end - start).T)
     if (increment := system.increment) is None:
         return terms.support(held, length, u, np.zeros_like(v))
-    before = old_motion(increment.old, edges)
-    step = increment.step
-    return terms.support(held, length, step.mean(u, before.u), step.mean(v, before.v))
+    step, old = increment.step, increment.old
+    return terms.support(held, length, step.mean(u, old.u[edges]), step.mean(v, old.v[edges]))
 
 
 def supported_edges(system: System) -> Ints:
     """P2 nodes (n, 3) of the edges that are supported."""
     mesh = system.mesh
-    edges: Ints = mesh.edge_nodes[np.isin(mesh.label, system.problem.labels("supported"))]
-    return edges
+    return mesh.edge_nodes[np.isin(mesh.label, system.problem.labels("supported"))]
 
 
 def kinematics(system: System, nodes: Ints, u: Array, v: Array) -> Array:
-    """What must vanish at nodes of a solid, metres per second, in the shape of u and v at ``nodes``."""
+    """What must vanish at nodes of a solid, m/s in the shape of u and v there: v, in a time step du/dt - v."""
     if (increment := system.increment) is None:
         return v
-    return terms.kinematics(increment.step, terms.Motion(u, v), old_motion(increment.old, nodes))
+    step, old = increment.step, increment.old
+    return step.rate(u, old.u[nodes]) - step.mean(v, old.v[nodes])
 
 
 def stress_work(system: System, state: RawState, fluid_size: Floats, size: Floats) -> dict[str, tuple[float, float]]:
@@ -126,13 +125,10 @@ def stress_work(system: System, state: RawState, fluid_size: Floats, size: Float
     for solid in system.solids.values():
         nodes = solid.elements.nodes
         local = solid_momentum(system, solid, state.u[nodes], state.v[nodes], solid_pressure(solid, state))
-        elastic += sum(
-            float((local[name] * moved[nodes]).sum()) for name in local if name not in ("gravity", "inertia")
-        )
+        elastic += sum(float((local[name] * moved[nodes]).sum()) for name in local.keys() - {"gravity", "inertia"})
     if (fluid := system.fluid) is not None:
-        elements, nodes = fluid.elements, fluid.elements.nodes
-        flow = terms.Flow.at_points(elements, state.u[nodes], state.v[nodes], state.p[elements.vertices])
-        local = fluid_momentum(system, fluid, state.u[nodes], state.v[nodes], flow)
+        nodes = fluid.elements.nodes
+        local = fluid_momentum(system, fluid, state.u[nodes], state.v[nodes], flow_of(fluid, state))
         dissipated += sum(float((local[name] * travelled[nodes]).sum()) for name in ("pressure", "viscosity"))
     return {
         "elastic": (elastic, float(((size - fluid_size) * np.abs(moved)).sum())),
@@ -140,12 +136,7 @@ def stress_work(system: System, state: RawState, fluid_size: Floats, size: Float
     }
 
 
-def old_motion(old: RawState, nodes: Ints) -> terms.Motion:
-    """Return the nodal values of the state at the start of the step."""
-    return terms.Motion(old.u[nodes], old.v[nodes])
-
-
-def old_flow(fluid: FluidPart, old: RawState) -> terms.Flow:
-    """Return the flow at the start of the step."""
-    elements = fluid.elements
-    return terms.Flow.at_points(elements, old.u[elements.nodes], old.v[elements.nodes], old.p[elements.vertices])
+def flow_of(fluid: FluidPart, state: RawState) -> terms.Flow:
+    """Return the flow of a state at the quadrature points."""
+    elements, nodes = fluid.elements, fluid.elements.nodes
+    return terms.Flow.at_points(elements, state.u[nodes], state.v[nodes], state.p[elements.vertices])

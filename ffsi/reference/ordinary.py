@@ -5,11 +5,10 @@ What is missing is what Newton's method would still correct, in the norm that th
 """
 
 import math
-from collections.abc import Iterator
 
 import numpy as np
 
-from ffsi.files.arrays import Floats, RawState
+from ffsi.files.arrays import RawState
 from ffsi.reference.relative import largest, norm
 from ffsi.reference.residual import compute_residual
 from ffsi.reference.sizes import unknown_sizes
@@ -43,7 +42,7 @@ class Corrector:
         if self._factors is not None and math.isfinite(found := self._missing(self._factors, system, state)):
             return found
         try:
-            self._factors = Factors.of(system, state, "divided-difference")
+            self._factors = Factors.of(system, state)
         except ConvergenceError:
             return math.inf
         return self._missing(self._factors, system, state)
@@ -64,18 +63,8 @@ class Corrector:
 
 def weighted(system: System, state: RawState, correction: RawState) -> float:
     """Root mean square of a correction over the unknowns of a step, each over its size (``sizes.unknown_sizes``)."""
-    parts = list(_weighted(system, state, correction))
-    return norm([norm(part) for part in parts]) / math.sqrt(sum(part.size for part in parts) or 1)
-
-
-def _weighted(system: System, state: RawState, correction: RawState) -> Iterator[Floats]:
-    rows = system.rows
-    changes = (
-        (correction.u, rows.u_given),
-        (correction.v, rows.v_given),
-        (correction.p, rows.p_given),
-        (correction.ps, rows.ps_given),
-    )
-    for (change, given), size in zip(changes, unknown_sizes(system, state), strict=True):
+    parts = []
+    for change, given, size in zip(correction.fields, system.rows.given, unknown_sizes(system, state), strict=True):
         free = change[~given]
-        yield free / size if size > 0.0 else np.where(free == 0.0, 0.0, np.inf)
+        parts.append(free / size if size > 0.0 else np.where(free == 0.0, 0.0, np.inf))
+    return norm([norm(part) for part in parts]) / math.sqrt(sum(part.size for part in parts) or 1)

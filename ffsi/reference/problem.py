@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 from ffsi.files.arrays import Floats
 from ffsi.reference.conditions import Inflow, Outlet, Support
@@ -86,19 +86,17 @@ class Boundary:
 class Manufactured:
     """Values and sources that make chosen smooth fields the exact solution (method of manufactured solutions).
 
-    Every function takes reference points X (n, 2), metres, and the time t, seconds; steady systems take t = 0.
-    ``displacement`` (n, 2) metres and ``velocity`` (n, 2) metres per second are the values wherever u and v are
-    prescribed; a fluid alone has its u prescribed everywhere, which is a mesh that moves as told. By region:
-    ``force`` (n, 2) newtons per cubic metre of the reference domain, what the momentum equation leaves over;
-    ``stress`` (n, 2, 2) pascals, the first Piola-Kirchhoff stress P, whose traction P N loads the boundary of the
-    region, so that an interface may carry a jump and an outlet any traction. ``mass`` (n,) per second is J div v.
+    ``displacement`` (n, 2) metres and ``velocity`` (n, 2) metres per second map reference points (n, 2), metres, and
+    the time, 0 in steady systems, to the values wherever u and v are prescribed; a fluid alone has its u prescribed
+    everywhere, which is a mesh that moves as told. ``force`` (n2, 2) newtons per metre depth and ``mass`` (nv, 1)
+    square metres per second map the system to the work of the sources of momentum and continuity, with the sign of the
+    residual.
     """
 
     displacement: Field
     velocity: Field
-    force: Mapping[int, Field]
-    stress: Mapping[int, Field]
-    mass: Field | None = None
+    force: Callable[[Any], Floats]
+    mass: Callable[[Any], Floats] | None = None
 
 
 @dataclass(frozen=True)
@@ -163,8 +161,5 @@ class Problem:
 
     def parts(self) -> dict[str, list[int]]:
         """Return the labels of each named body part."""
-        parts: dict[str, list[int]] = {}
-        for boundary in self.boundaries:
-            if boundary.part is not None:
-                parts.setdefault(boundary.part, []).append(boundary.label)
-        return parts
+        names = dict.fromkeys(boundary.part for boundary in self.boundaries if boundary.part is not None)
+        return {name: [each.label for each in self.boundaries if each.part == name] for name in names}

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ffsi.files.arrays import Floats, Ints, RawState
+from ffsi.files.arrays import Floats, RawState
 from ffsi.reference import momentum, terms
 from ffsi.reference.elements import Elements, p2_basis
 from ffsi.reference.forces import Forces, coefficient_scale
@@ -29,6 +29,8 @@ _IN_A_TRIANGLE = 1e-6
 _TIE = 1e-12
 # The ends of a diameter are vertices of the circle up to this part of its radius.
 _ON_CIRCLE = 1e-6
+# Likewise at the outlet: what is below is a difference of larger numbers.
+_DIFFERENCE = 1e-4
 _COMPONENTS = ("x", "y")
 
 
@@ -66,22 +68,17 @@ def energies(system: System, state: RawState, before: Mapping[str, float]) -> di
     ``before`` are the sums ``elastic`` and ``dissipated`` at its start; no other sum is recomputed.
     """
     kinetic = 0.0
-    if system.fluid is not None:
-        elements, density = system.fluid.elements, system.fluid.law.density
-        volume = _determinants(elements, state)[0] * elements.weights
-        kinetic += 0.5 * density * _squared_speed(elements, state, volume)
-    for solid in system.solids.values():
-        kinetic += 0.5 * solid.law.density * _squared_speed(solid.elements, state, solid.elements.weights)
+    for part in ([system.fluid] if system.fluid else []) + list(system.solids.values()):
+        elements, weights = part.elements, part.elements.weights
+        if part is system.fluid:
+            weights = _determinants(elements, state)[0] * weights
+        squared_speed = ((elements.basis @ state.v[elements.nodes]) ** 2).sum(axis=-1)
+        kinetic += 0.5 * part.law.density * float((squared_speed * weights).sum())
     found = {"kinetic": Quantity.of(kinetic, kinetic)}
     for name, (work, size) in momentum.stress_work(system, state, *momentum_sizes(system, state)).items():
         if name in before:
             found[name] = Quantity.of(before[name] + work, abs(before[name]) + size)
     return found
-
-
-def _squared_speed(elements: Elements, state: RawState, weights: Floats) -> float:
-    velocity = elements.basis @ state.v[elements.nodes]
-    return float(((velocity**2).sum(axis=-1) * weights).sum())
 
 
 def _forces(system: System, forces: Forces) -> dict[str, Quantity]:
@@ -96,8 +93,7 @@ def _forces(system: System, forces: Forces) -> dict[str, Quantity]:
                 found[f"{component}{name}{form}"] = Quantity.of(value, force.size, _OF_SUMS)
     if unit := coefficient_scale(system):
         for name in ("drag", "lift"):
-            force_found = found[name]
-            found[f"{name}_coefficient"] = Quantity(force_found.value / unit, force_found.scale / unit)
+            found[f"{name}_coefficient"] = Quantity(found[name].value / unit, found[name].scale / unit)
     return found
 
 
@@ -115,7 +111,8 @@ def _pressures(system: System, state: RawState) -> dict[str, Quantity]:
         if boundary.name == "cylinder" and boundary.circle is not None:
             x, y, radius = boundary.circle
             wet = np.unique(system.mesh.edges[system.mesh.label == boundary.label])
-            ends = [wet[_at(system.mesh.vertices[wet], (x + side * radius, y), radius)] for side in (-1.0, 1.0)]
+            off = [system.mesh.vertices[wet] - [x + side * radius, y] for side in (-1.0, 1.0)]
+            ends = [wet[np.hypot(*each.T) <= _ON_CIRCLE * radius] for each in off]
             if all(len(end) for end in ends):  # what is fixed to the cylinder covers its back
                 found["pressure_difference"] = Quantity.of(state.p[ends[0][0]] - state.p[ends[1][0]], size)
     return found
@@ -126,11 +123,6 @@ def _mean_pressure(system: System, state: RawState, labels: Sequence[int]) -> fl
     start, end = system.mesh.vertices[edges].transpose(1, 0, 2)
     length = np.hypot(*(end - start).T)
     return float(length @ state.p[edges].mean(axis=1) / length.sum())
-
-
-def _at(points: Floats, point: tuple[float, float], size: float) -> Ints:
-    """Numbers of the points (n, 2) at a place, for lengths of a ``size``, metres."""
-    return np.flatnonzero(np.hypot(*(points - np.array(point)).T) <= _ON_CIRCLE * size)
 
 
 def _displacements(system: System, state: RawState) -> dict[str, Quantity]:
@@ -160,15 +152,16 @@ def _in_solids(system: System, values: Floats, point: tuple[float, float]) -> Fl
 
 def _jacobians(system: System, state: RawState, reported: Mapping[str, float]) -> dict[str, Quantity]:
     """Smallest J = det F of all, of the fluid and of the solids where there are both, and where each solid has it."""
-    solids = {_name(system, region): solid.elements for region, solid in system.solids.items()}
+    names = system.problem.names
+    solids = {names.get(region, f"region {region}"): solid.elements for region, solid in system.solids.items()}
     fluid = {"fluid": system.fluid.elements} if system.fluid is not None else {}
     smallest = {name: _smallest(system, elements, state, name, reported) for name, elements in (fluid | solids).items()}
     groups = {"": [*smallest]}
     if fluid and solids:
         groups |= {"_fluid": ["fluid"], "_solid": [*solids]}
     found = {}
-    for ending, names in groups.items():
-        value, size, _ = smallest[names[int(np.argmin([smallest[name][0] for name in names]))]]
+    for ending, members in groups.items():
+        value, size, _ = smallest[members[int(np.argmin([smallest[name][0] for name in members]))]]
         found[f"min_jacobian{ending}"] = Quantity.of(value, size)
     if solids:
         extent = float(np.ptp(system.mesh.vertices, axis=0).max())
@@ -176,10 +169,6 @@ def _jacobians(system: System, state: RawState, reported: Mapping[str, float]) -
             for component, value in zip(_COMPONENTS, place.tolist(), strict=True):
                 found[f"min_jacobian_{name}_{component}"] = Quantity(value, max(extent, abs(value)))
     return found
-
-
-def _name(system: System, region: int) -> str:
-    return system.problem.names.get(region, f"region {region}")
 
 
 def _smallest(
@@ -200,7 +189,37 @@ def _smallest(
 def _determinants(elements: Elements, state: RawState) -> tuple[Floats, Floats]:
     """Det F and |F|^2 at the quadrature points, (n, 7)."""
     deformation = IDENTITY + terms.gradient_of(state.u[elements.nodes], elements.gradients)
-    return determinant(deformation), double_dot(deformation, deformation)
+    return np.real(determinant(deformation)), np.real(double_dot(deformation, deformation))
+
+
+def at_outlet(system: System, state: RawState) -> dict[str, Quantity]:
+    """Return what a state has at an outlet with a pressure, by name; nothing without one.
+
+    The flow rate out, m2/s, and the pressure, Pa, those at the end of a step; of a Windkessel in a step that of the
+    reservoir at both ends, Pa.
+    """
+    outlet = system.problem.outlet
+    if system.fluid is None or outlet is None or not outlet.presses:
+        return {}
+    sides = momentum.outlet_sides(system, system.fluid)
+
+    def flow_of(v: Floats) -> float:
+        return float(terms.outlet_flow(sides.normal, v[sides.nodes]))
+
+    flow = flow_of(state.v)
+    through = float(abs(state.v[sides.nodes]).max() * abs(sides.normal).sum())
+    found = {"flow_rate_out": Quantity.of(flow, through, _DIFFERENCE)}
+    if (increment := system.increment) is None:
+        size = abs(outlet.pressure) + (outlet.resistance + outlet.distal) * through
+        return found | {"outlet_pressure": Quantity.of(float(outlet.steady(flow)), size, _DIFFERENCE)}
+    step, old, new = increment.step, increment.reservoir, 0.0
+    if outlet.stores:
+        new = float(outlet.reservoir_after(step, flow, flow_of(increment.old.v), old))
+        size = max(abs(old), abs(new))
+        ends = zip(("windkessel_old", "windkessel_new"), (old, new), strict=True)
+        found |= {name: Quantity.of(pressure, size, _DIFFERENCE) for name, pressure in ends}
+    size = abs(outlet.pressure_at(step.time)) + abs(new) + outlet.resistance * through
+    return found | {"outlet_pressure": Quantity.of(outlet.at_end(step, flow, new), size, _DIFFERENCE)}
 
 
 # Comparison -----------------------------------------------------------------------------------------------------------

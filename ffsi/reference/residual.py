@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ffsi.files.arrays import Floats, RawState
-from ffsi.reference import momentum, sources, terms
-from ffsi.reference.assembly import scatter
+from ffsi.files.arrays import Floats, Ints, RawState
+from ffsi.reference import momentum, terms
 from ffsi.reference.conditions import Outlet
-from ffsi.reference.materials import IDENTITY, determinant
+from ffsi.reference.elements import scatter
+from ffsi.reference.materials import IDENTITY, Array, determinant
 from ffsi.reference.problem import MeshMotion
 from ffsi.reference.relative import largest, norm, relative
 from ffsi.reference.sizes import (
@@ -47,8 +47,7 @@ class Equation:
     @property
     def residual(self) -> Floats:
         """Sum of all terms at all nodes, (n, components), also where the equation does not hold."""
-        total: Floats = np.sum(list(self.terms.values()), axis=0)
-        return total
+        return np.asarray(np.sum(list(self.terms.values()), axis=0))
 
     def scale(self, rows: Mask) -> float:
         """Largest l2 norm over some rows of a single term, or of the magnitude."""
@@ -106,9 +105,11 @@ def compute_residual(system: System, state: RawState) -> Residual:
     magnitude = ROUNDING * size
     total: dict[str, Floats] = {"gravity": np.zeros_like(state.u)}
     if system.fluid is not None:
-        flow = _flow(system.fluid, state)
+        flow = momentum.flow_of(system.fluid, state)
         jacobians.append(flow.jacobian.min())
-        total = _fluid_momentum(system, system.fluid, state, flow)
+        nodes = system.fluid.elements.nodes
+        local = momentum.fluid_momentum(system, system.fluid, state.u[nodes], state.v[nodes], flow)
+        total = _scattered(local, nodes, system.mesh.n_p2)
         force = np.sum(list(total.values()), axis=0)
         rest = idle(system, system.fluid, state)
         magnitude += spread(rest.force, system.fluid.elements, len(state.u))
@@ -149,15 +150,9 @@ def _refuse_other_sizes(system: System, state: RawState) -> None:
         )
 
 
-def _flow(fluid: FluidPart, state: RawState) -> terms.Flow:
-    nodes = fluid.elements.nodes
-    return terms.Flow.at_points(fluid.elements, state.u[nodes], state.v[nodes], state.p[fluid.elements.vertices])
-
-
-def _fluid_momentum(system: System, fluid: FluidPart, state: RawState, flow: terms.Flow) -> dict[str, Floats]:
-    nodes = fluid.elements.nodes
-    local = momentum.fluid_momentum(system, fluid, state.u[nodes], state.v[nodes], flow)
-    return {name: scatter(term, nodes, system.mesh.n_p2) for name, term in local.items()}
+def _scattered(local: Mapping[str, Array], nodes: Ints, size: int) -> dict[str, Floats]:
+    """Assemble the terms of vectors (n, k, 2) or scalars (n, k)."""
+    return {name: scatter(term if term.ndim == 3 else term[..., None], nodes, size) for name, term in local.items()}
 
 
 def _without_level(system: System, state: RawState, total: Mapping[str, Floats]) -> dict[str, Floats]:
@@ -168,13 +163,11 @@ def _without_level(system: System, state: RawState, total: Mapping[str, Floats])
     """
     if (fluid := system.fluid) is None:
         return dict(total)
-    ends, u = fluid.sides.nodes, state.u
-    if (increment := system.increment) is not None:
-        u = increment.step.mean(u, increment.old.u)
+    ends, increment = fluid.sides.nodes, system.increment
+    u = state.u if increment is None else increment.step.mean(state.u, increment.old.u)
     on_sides = terms.side_pressure((system.mesh.p2_coordinates + u)[ends], reference_pressure(fluid, state))
     level = scatter(on_sides, ends, system.mesh.n_p2)
-    moved = {"pressure": total["pressure"] - level, OUTLET: total.get(OUTLET, 0.0) + level}
-    return {**total, **moved}
+    return {**total, "pressure": total["pressure"] - level, OUTLET: total.get(OUTLET, 0.0) + level}
 
 
 def _loads(system: System, state: RawState) -> dict[str, Floats]:
@@ -189,7 +182,7 @@ def _loads(system: System, state: RawState) -> dict[str, Floats]:
     if system.problem.labels("loaded"):
         loads["traction"] = _traction(system)
     if system.problem.manufactured is not None:
-        loads["source"] = sources.momentum_source(system, system.problem.manufactured)
+        loads["source"] = system.problem.manufactured.force(system)
     return loads
 
 
@@ -200,15 +193,15 @@ def _outlet(system: System, fluid: FluidPart, outlet: Outlet, state: RawState) -
         local[OUTLET] = momentum.outlet_pressure(system, outlet, sides, state.v[sides.nodes])
     if outlet.hydrostatic:
         local[OUTLET] = local.get(OUTLET, 0.0) + momentum.column_pressure(system, fluid.law, sides)
-    return {name: scatter(term, sides.nodes, system.mesh.n_p2) for name, term in local.items()}
+    return _scattered(local, sides.nodes, system.mesh.n_p2)
 
 
 def _continuity(system: System, fluid: FluidPart, flow: terms.Flow, state: RawState, rest: Idle) -> Equation:
     elements, nv = fluid.elements, len(system.mesh.vertices)
     local = terms.continuity(elements, flow)
-    assembled = {name: scatter(term[..., None], elements.vertices, nv) for name, term in local.items()}
+    assembled = _scattered(local, elements.vertices, nv)
     if (exact := system.problem.manufactured) is not None and exact.mass is not None:
-        assembled["source"] = sources.mass_source(system, exact.mass)
+        assembled["source"] = exact.mass(system)
     speed = ROUNDING * largest_on(state.v, elements) + rest.speed
     return Equation(assembled, system.rows.continuity, flux_sizes(speed, elements, nv))
 
@@ -216,16 +209,17 @@ def _continuity(system: System, fluid: FluidPart, flow: terms.Flow, state: RawSt
 def _mesh_motion(system: System, fluid: FluidPart, motion: MeshMotion, state: RawState) -> Equation:
     elements, n2 = fluid.elements, system.mesh.n_p2
     local = terms.mesh_motion(motion, fluid.alpha, elements, state.u[elements.nodes])
-    assembled = {name: scatter(term, elements.nodes, n2) for name, term in local.items()}
+    assembled = _scattered(local, elements.nodes, n2)
     magnitude = ROUNDING * spread(fluid.alpha * largest_on(state.u, elements), elements, n2)
     return Equation(assembled, system.rows.mesh_motion, magnitude)
 
 
 def _solid_momentum(system: System, solid: SolidPart, state: RawState) -> dict[str, Floats]:
     nodes = solid.elements.nodes
-    p = momentum.solid_pressure(solid, state)
-    local = momentum.solid_momentum(system, solid, state.u[nodes], state.v[nodes], p)
-    return {name: scatter(term, nodes, system.mesh.n_p2) for name, term in local.items()}
+    local = momentum.solid_momentum(
+        system, solid, state.u[nodes], state.v[nodes], momentum.solid_pressure(solid, state)
+    )
+    return _scattered(local, nodes, system.mesh.n_p2)
 
 
 def _traction(system: System) -> Floats:
@@ -243,7 +237,7 @@ def _incompressibility(system: System, state: RawState) -> Equation:
     for solid in mixed:
         elements, u, p = solid.elements, state.u[solid.elements.nodes], momentum.solid_pressure(solid, state)
         local = terms.incompressibility(solid.law, elements, u, p)
-        parts.append({name: scatter(term[..., None], elements.vertices, nv) for name, term in local.items()})
+        parts.append(_scattered(local, elements.vertices, nv))
     assembled = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     sizes = [flux_sizes(largest_on(state.u, solid.elements), solid.elements, nv) for solid in mixed]
     magnitude = ROUNDING * np.concatenate(sizes)

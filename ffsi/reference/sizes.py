@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ffsi.files.arrays import Floats, RawState
-from ffsi.reference import momentum, terms
-from ffsi.reference.assembly import scatter
-from ffsi.reference.elements import Elements
+from ffsi.reference import momentum
+from ffsi.reference.elements import Elements, scatter
 from ffsi.reference.relative import largest
 from ffsi.reference.system import FluidPart, SolidPart, System
 
@@ -87,14 +86,11 @@ def momentum_sizes(system: System, state: RawState) -> tuple[Floats, Floats]:
     """
     states = [state] if system.increment is None else [state, system.increment.old]
     fluid, solids = np.zeros_like(state.u), np.zeros_like(state.u)
-    if system.fluid is not None:
-        for each in states:
-            fluid += _fluid(system, system.fluid, each)
-        fluid += _inertia(system, system.fluid, states)
+    if (part := system.fluid) is not None:
+        fluid += sum(_fluid(system, part, each) for each in states) + _inertia(system, part, states)
     for solid in system.solids.values():
-        for each in states:
-            solids += spread(_solid(solid, each), solid.elements, system.mesh.n_p2)
-        solids += _inertia(system, solid, states)
+        size = np.sum([_solid(solid, each) for each in states], axis=0)
+        solids += spread(size, solid.elements, system.mesh.n_p2) + _inertia(system, solid, states)
     return fluid, fluid + solids
 
 
@@ -125,22 +121,17 @@ def _solid(solid: SolidPart, state: RawState) -> Floats:
     if material is None:
         return np.full(len(elements), solid.law.material.stiffness * moved)
     pressure = np.abs(momentum.solid_pressure(solid, state)).max(axis=1)
-    result: Floats = material.base_stiffness * moved + pressure * np.sqrt(elements.area)
-    return result
+    return np.asarray(material.base_stiffness * moved + pressure * np.sqrt(elements.area))
 
 
 def _viscosity(fluid: FluidPart, state: RawState) -> Floats:
     """Largest viscosity in each triangle of the fluid, (n,) Pa s."""
-    elements = fluid.elements
-    nodes = elements.nodes
-    flow = terms.Flow.at_points(elements, state.u[nodes], state.v[nodes], state.p[elements.vertices])
-    return np.asarray(flow.viscosity(fluid.law.viscosity).max(axis=1), dtype=np.float64)
+    return np.asarray(momentum.flow_of(fluid, state).viscosity(fluid.law.viscosity).max(axis=1), dtype=np.float64)
 
 
 def largest_on(values: Floats, elements: Elements) -> Floats:
     """Largest absolute nodal component on each triangle, (n,)."""
-    result: Floats = np.abs(values[elements.nodes]).max(axis=(1, 2))
-    return result
+    return np.asarray(np.abs(values[elements.nodes]).max(axis=(1, 2)))
 
 
 def flux_sizes(speed: Floats, elements: Elements, nv: int) -> Floats:

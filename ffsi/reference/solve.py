@@ -1,13 +1,11 @@
 """Newton's method on the checker's own residual, for small cases: steady ones from rest, and steps in time.
 
-The Jacobian is assembled from element matrices (27 local unknowns in the fluid, 12 or 15 in a solid) which
-differentiate the element residual numerically, by central divided differences or by a complex step; both know nothing
-of the formulas inside.
+The Jacobian is assembled from element matrices (27 local unknowns in the fluid, 12 or 15 in a solid) which a complex
+step differentiates: it knows nothing of the formulas inside, and has no error of differences.
 """
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from scipy.sparse import coo_array, csc_array, diags_array
@@ -22,13 +20,13 @@ from ffsi.reference.residual import Residual, compute_residual
 from ffsi.reference.sizes import unknown_sizes
 from ffsi.reference.step import Step
 from ffsi.reference.system import FluidPart, Mask, SolidPart, System
-from ffsi.reference.viscosity import Newtonian
-
-Method = Literal["complex-step", "divided-difference"]
 
 _COMPLEX_STEP = 1e-30
 _SHORTEST_STEP = 2.0**-10
-_CUBE_ROOT = float(np.cbrt(np.finfo(float).eps))
+
+# Elements of one kind with k local unknowns and r local equations: a function of the unknowns (n, k) whose values are
+# the residuals (n, r), the global numbers (n, k) of the unknowns and (n, r) of the equations.
+_Group = tuple[Callable[[Array], Array], Ints, Ints]
 
 
 class ConvergenceError(RuntimeError):
@@ -50,28 +48,8 @@ class Solution:
     steps: list[float]
 
 
-@dataclass(frozen=True)
-class _Group:
-    """Elements of one kind with k local unknowns and r local equations.
-
-    ``function`` maps local unknowns (n, k) to local residuals (n, r); ``unknowns`` (n, k) are its argument, ``columns``
-    (n, k) and ``rows`` (n, r) the global numbers of unknowns and equations, ``steps`` (n, k) those of the divided
-    differences.
-    """
-
-    function: Callable[[Array], Array]
-    unknowns: Floats
-    columns: Ints
-    rows: Ints
-    steps: Floats
-
-
 def solve(
-    system: System,
-    method: Method = "complex-step",
-    tolerance: float = 1e-10,
-    max_iterations: int = 15,
-    start: RawState | None = None,
+    system: System, tolerance: float = 1e-10, max_iterations: int = 15, start: RawState | None = None
 ) -> Solution:
     """Solve the steady system from rest, or from ``start``, with the prescribed values imposed.
 
@@ -79,14 +57,29 @@ def solve(
     out. Raises ``ConvergenceError`` after ``max_iterations`` corrections, for a singular Jacobian, if no step is short
     enough, or if the start has a triangle inside out.
     """
-    return _newton(system, start or system.rows.prescribed, method, tolerance, max_iterations)
+    state = _impose(system, start or system.rows.prescribed)
+    residual = compute_residual(system, state)
+    if not residual.min_jacobian > 0.0:
+        raise ConvergenceError(f"{system.problem.name}: the start turns a triangle inside out")
+    residuals = [largest(residual.relative.values())]
+    corrections: list[float] = []
+    steps: list[float] = []
+    while not residuals[-1] <= tolerance:
+        if len(steps) == max_iterations:
+            raise ConvergenceError(f"{system.problem.name}: not converged, relative residuals {residuals}")
+        correction = Factors.of(system, state).correct(system, state, residual)
+        state, residual, step = damped_step(system, state, correction)
+        residuals.append(largest(residual.relative.values()))
+        pairs = zip(correction.fields, state.fields, strict=True)
+        corrections.append(largest(relative(norm(change), norm(whole)) for change, whole in pairs))
+        steps.append(step)
+    return Solution(state, residual, residuals, corrections, steps)
 
 
 def solve_step(
     system: System,
     old: RawState,
     step: Step,
-    method: Method = "complex-step",
     tolerance: float = 1e-10,
     max_iterations: int = 15,
     start: RawState | None = None,
@@ -97,43 +90,23 @@ def solve_step(
     ``system`` may be the steady one or that of any other step; ``reservoir`` Pa is the pressure behind an outlet that
     stores fluid, at the start. Raises ``ConvergenceError`` as ``solve`` does.
     """
-    return _newton(system.stepping(old, step, reservoir), start or old, method, tolerance, max_iterations)
+    return solve(system.stepping(old, step, reservoir), tolerance, max_iterations, start or old)
 
 
-def _newton(system: System, start: RawState, method: Method, tolerance: float, max_iterations: int) -> Solution:
-    state = _impose(system, start)
-    residual = compute_residual(system, state)
-    if not residual.min_jacobian > 0.0:
-        raise ConvergenceError(f"{system.problem.name}: the start turns a triangle inside out")
-    residuals = [largest(residual.relative.values())]
-    corrections: list[float] = []
-    steps: list[float] = []
-    while not residuals[-1] <= tolerance:
-        if len(steps) == max_iterations:
-            raise ConvergenceError(f"{system.problem.name}: not converged, relative residuals {residuals}")
-        correction = Factors.of(system, state, method).correct(system, state, residual)
-        state, residual, step = damped_step(system, state, correction)
-        residuals.append(largest(residual.relative.values()))
-        corrections.append(_relative_size(correction, state))
-        steps.append(step)
-    return Solution(state, residual, residuals, corrections, steps)
-
-
-def jacobian(system: System, state: RawState, method: Method) -> csc_array:
+def jacobian(system: System, state: RawState) -> csc_array:
     """Jacobian of ``residual_vector`` by the unknowns in the order u, v, p, ps, (N, N)."""
     source, given = _row_sources(system)
-    size = len(source)
+    size, unknowns = len(source), _flat(state)
     rows, columns, values = [], [], []
-    for group in _groups(system, state):
-        matrices = _differentiate(group, method)
-        shape = matrices.shape
-        rows.append(np.broadcast_to(group.rows[:, :, None], shape).ravel())
-        columns.append(np.broadcast_to(group.columns[:, None, :], shape).ravel())
+    for function, local, equations in _groups(system, state):
+        matrices = _differentiate(function, unknowns[local])
+        rows.append(np.broadcast_to(equations[:, :, None], matrices.shape).ravel())
+        columns.append(np.broadcast_to(local[:, None, :], matrices.shape).ravel())
         values.append(matrices.ravel())
     entries = (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns)))
-    equations = coo_array(entries, shape=(size + 2 * system.mesh.n_p2, size)).tocsr()
+    matrix = coo_array(entries, shape=(size + 2 * system.mesh.n_p2, size)).tocsr()
     identity = diags_array(given.astype(float))
-    result: csc_array = (diags_array((~given).astype(float)) @ equations[source] + identity).tocsc()
+    result: csc_array = (diags_array((~given).astype(float)) @ matrix[source] + identity).tocsc()
     return result
 
 
@@ -145,12 +118,13 @@ def residual_vector(system: System, state: RawState, residual: Residual) -> Floa
     the step; those of p the continuity, those of ps the volume of mixed solids. A prescribed unknown's row is its
     deviation.
     """
-    names = {"mesh_motion": state.u.size, "momentum": state.v.size, "continuity": state.p.size}
-    names["incompressibility"] = state.ps.size
-    found = residual.equations
-    equations = [found[name].residual.ravel() if name in found else np.zeros(size) for name, size in names.items()]
-    nodes = np.arange(system.mesh.n_p2)
-    equations.append(momentum.kinematics(system, nodes, state.u, state.v).ravel())
+    names = ("mesh_motion", "momentum", "continuity", "incompressibility")
+    found, nodes = residual.equations, np.arange(system.mesh.n_p2)
+    equations = [
+        found[name].residual.ravel() if name in found else np.zeros(values.size)
+        for name, values in zip(names, state.fields, strict=True)
+    ]
+    equations.append(np.real(momentum.kinematics(system, nodes, state.u, state.v)).ravel())
     source, given = _row_sources(system)
     # The prescribed v is zero in steady solids: there the kinematics is a deviation like the boundary conditions.
     return np.where(given, _flat(state) - _flat(system.rows.prescribed), np.concatenate(equations)[source])
@@ -158,56 +132,47 @@ def residual_vector(system: System, state: RawState, residual: Residual) -> Floa
 
 def _impose(system: System, state: RawState) -> RawState:
     """Replace the values of ``state`` where others are prescribed."""
-    rows = system.rows
-    return RawState(
-        u=np.where(rows.u_given[:, None], rows.prescribed.u, state.u),
-        v=np.where(_v_given(system)[:, None], rows.prescribed.v, state.v),
-        p=np.where(rows.p_given, rows.prescribed.p, state.p),
-        ps=np.where(rows.ps_given, rows.prescribed.ps, state.ps),
-    )
-
-
-def _v_given(system: System) -> Mask:
-    """Nodes (n2,) whose velocity is known: velocities in steady solids are zero."""
-    rows = system.rows
-    return rows.v_given | rows.kinematics if system.increment is None else rows.v_given
+    given = np.split(_row_sources(system)[1], np.cumsum([values.size for values in state.fields])[:-1])
+    fields = zip(given, system.rows.prescribed.fields, state.fields, strict=True)
+    return RawState(*(np.where(mask.reshape(own.shape), value, own) for mask, value, own in fields))
 
 
 def _row_sources(system: System) -> tuple[Ints, Mask]:
     """Return the number of every unknown's equation, and whether it has a value instead; both (N,).
 
     Equations are numbered like the unknowns: mesh motion, momentum, continuity, volume in the order of u, v, p, ps;
-    the kinematics of all nodes follow them.
+    the kinematics of all nodes follow them. Velocities in steady solids are known: zero.
     """
     rows, n2 = system.rows, system.mesh.n_p2
     size = 4 * n2 + rows.p_given.size + rows.ps_given.size
-    source = np.arange(size)
+    source, v_given = np.arange(size), rows.v_given
     if system.increment is None:
         source[: 2 * n2][np.repeat(rows.momentum & ~rows.u_given & ~rows.mesh_motion, 2)] += 2 * n2
+        v_given = v_given | rows.kinematics
     else:
         source[: 2 * n2][np.repeat(rows.kinematics, 2)] += size
-    given = [np.repeat(rows.u_given, 2), np.repeat(_v_given(system), 2), rows.p_given]
-    return source, np.concatenate([*given, rows.ps_given.ravel()])
+    given = [np.repeat(rows.u_given, 2), np.repeat(v_given, 2), rows.p_given, rows.ps_given.ravel()]
+    return source, np.concatenate(given)
 
 
 def _groups(system: System, state: RawState) -> Iterator[_Group]:
     if system.fluid is not None:
-        yield _fluid_group(system, system.fluid, state)
+        yield _fluid_group(system, system.fluid)
         if (outlet := system.problem.outlet) is not None:
-            yield _outlet_group(system, system.fluid, outlet, state)
+            yield _outlet_group(system, system.fluid, outlet)
             if outlet.presses:
-                yield _outlet_pressure_group(system, system.fluid, outlet, state)
+                yield _outlet_pressure_group(system, system.fluid, outlet)
     for solid in system.solids.values():
-        yield _solid_group(system, solid, state)
+        yield _solid_group(system, solid, len(state.p))
     if system.problem.support is not None:
-        yield _support_group(system, system.problem.support, state)
+        yield _support_group(system, system.problem.support)
     if system.increment is not None and system.solids:
         yield _kinematics_group(system, state)
 
 
-def _fluid_group(system: System, fluid: FluidPart, state: RawState) -> _Group:
+def _fluid_group(system: System, fluid: FluidPart) -> _Group:
     """Fluid triangles: 12 rows of mesh motion, 12 of momentum, 3 of continuity by as many u, v, p."""
-    elements, n2 = fluid.elements, len(state.u)
+    elements, n2 = fluid.elements, system.mesh.n_p2
     n = len(elements)
 
     def function(local: Array) -> Array:
@@ -215,44 +180,34 @@ def _fluid_group(system: System, fluid: FluidPart, state: RawState) -> _Group:
         flow = terms.Flow.at_points(elements, u, v, p)
         balance = _total(momentum.fluid_momentum(system, fluid, u, v, flow))
         mass = _total(terms.continuity(elements, flow))
-        motion = np.zeros((n, 6, 2))
+        motion: Array = np.zeros((n, 12))
         if fluid.motion is not None:
-            motion = _total(terms.mesh_motion(fluid.motion, fluid.alpha, elements, u))
-        return np.hstack([motion.reshape(n, 12), balance.reshape(n, 12), mass])
+            motion = _total(terms.mesh_motion(fluid.motion, fluid.alpha, elements, u)).reshape(n, 12)
+        return np.hstack([motion, balance.reshape(n, 12), mass])
 
     u_numbers = _numbers(elements.nodes)
     numbers = np.hstack([u_numbers, 2 * n2 + u_numbers, 4 * n2 + elements.vertices])
-    steps = np.empty((n, 27))
-    steps[:, :12] = _CUBE_ROOT * np.sqrt(elements.area)[:, None]
-    # Central differences are exact for degree 2 in v, if the viscosity is constant, and 1 in p: a large step rounds
-    # least.
-    _, speed, pressure, _ = _step_sizes(system, state)
-    steps[:, 12:24] = speed if isinstance(fluid.law.viscosity, Newtonian) else _CUBE_ROOT * speed
-    steps[:, 24:] = pressure
-    return _Group(function, _flat(state)[numbers], numbers, numbers, steps)
+    return function, numbers, numbers
 
 
-def _outlet_group(system: System, fluid: FluidPart, outlet: Outlet, state: RawState) -> _Group:
+def _outlet_group(system: System, fluid: FluidPart, outlet: Outlet) -> _Group:
     """Sides at the outlet: 6 rows of momentum by as many v."""
     sides = momentum.outlet_sides(system, fluid)
-    numbers = 2 * len(state.u) + _numbers(sides.nodes)
+    numbers = 2 * system.mesh.n_p2 + _numbers(sides.nodes)
 
     def function(local: Array) -> Array:
-        v = local.reshape(len(local), 3, 2)
-        found = momentum.outlet(system, fluid.law, outlet, sides, v)
+        found = momentum.outlet(system, fluid.law, outlet, sides, local.reshape(len(local), 3, 2))
         return _total(found).reshape(len(local), 6) if found else np.zeros_like(local)
 
-    # Linear but for the backflow, which has a kink.
-    steps = np.full(numbers.shape, (_CUBE_ROOT if outlet.backflow else 1.0) * _step_sizes(system, state)[1])
-    return _Group(function, _flat(state)[numbers], numbers, numbers, steps)
+    return function, numbers, numbers
 
 
-def _outlet_pressure_group(system: System, fluid: FluidPart, outlet: Outlet, state: RawState) -> _Group:
+def _outlet_pressure_group(system: System, fluid: FluidPart, outlet: Outlet) -> _Group:
     """All of the outlet as one element, since its pressure is a function of the flow rate through it."""
     sides = momentum.outlet_sides(system, fluid)
     nodes, places = np.unique(sides.nodes, return_inverse=True)
     places = places.reshape(sides.nodes.shape)
-    numbers = 2 * len(state.u) + _numbers(nodes[None, :])
+    numbers = 2 * system.mesh.n_p2 + _numbers(nodes[None, :])
 
     def function(local: Array) -> Array:
         v = local.reshape(len(nodes), 2)[places]
@@ -260,33 +215,28 @@ def _outlet_pressure_group(system: System, fluid: FluidPart, outlet: Outlet, sta
         np.add.at(found, places, momentum.outlet_pressure(system, outlet, sides, v))
         return found.reshape(1, -1)
 
-    steps = np.full(numbers.shape, _step_sizes(system, state)[1])  # linear
-    return _Group(function, _flat(state)[numbers], numbers, numbers, steps)
+    return function, numbers, numbers
 
 
-def _support_group(system: System, held: Support, state: RawState) -> _Group:
+def _support_group(system: System, held: Support) -> _Group:
     """Supported edges: 6 rows of momentum, numbered like v, by 6 u and 6 v."""
-    edges, n2 = momentum.supported_edges(system), len(state.u)
-    n = len(edges)
-    numbers = _numbers(edges)
+    edges, n2 = momentum.supported_edges(system), system.mesh.n_p2
+    n, numbers = len(edges), _numbers(edges)
 
     def function(local: Array) -> Array:
         u, v = local[:, :6].reshape(n, 3, 2), local[:, 6:].reshape(n, 3, 2)
         return momentum.support(system, held, edges, u, v).reshape(n, 6)
 
-    columns = np.hstack([numbers, 2 * n2 + numbers])
-    steps = np.repeat(_step_sizes(system, state)[:2], 6)  # linear: any step is exact
-    return _Group(function, _flat(state)[columns], columns, 2 * n2 + numbers, np.broadcast_to(steps, columns.shape))
+    return function, np.hstack([numbers, 2 * n2 + numbers]), 2 * n2 + numbers
 
 
-def _solid_group(system: System, solid: SolidPart, state: RawState) -> _Group:
+def _solid_group(system: System, solid: SolidPart, nv: int) -> _Group:
     """Solid triangles: 12 momentum rows, numbered like v, by 12 u and 12 v; if mixed, 3 volume rows by pressures."""
-    elements, n2 = solid.elements, len(state.u)
-    n = len(elements)
-    numbers = _numbers(elements.nodes)
+    elements, n2 = solid.elements, system.mesh.n_p2
+    n, numbers = len(elements), _numbers(elements.nodes)
     pressures = np.empty((n, 0), dtype=np.int64)
     if solid.pressure is not None:
-        pressures = 4 * n2 + (1 + solid.pressure) * len(state.p) + elements.vertices
+        pressures = 4 * n2 + (1 + solid.pressure) * nv + elements.vertices
 
     def function(local: Array) -> Array:
         u, v, p = local[:, :12].reshape(n, 6, 2), local[:, 12:24].reshape(n, 6, 2), local[:, 24:]
@@ -294,48 +244,27 @@ def _solid_group(system: System, solid: SolidPart, state: RawState) -> _Group:
         volume = terms.incompressibility(solid.law, elements, u, p)
         return np.hstack([balance, _total(volume)]) if volume else balance
 
-    steps = np.empty((n, 24 + pressures.shape[1]))
-    steps[:, :12] = _CUBE_ROOT * np.sqrt(elements.area)[:, None]
-    # Of degree 1 in v and in the pressure: any step is exact.
-    _, steps[:, 12:24], _, steps[:, 24:] = _step_sizes(system, state)
-    columns, rows = np.hstack([numbers, 2 * n2 + numbers, pressures]), np.hstack([2 * n2 + numbers, pressures])
-    return _Group(function, _flat(state)[columns], columns, rows, steps)
+    return function, np.hstack([numbers, 2 * n2 + numbers, pressures]), np.hstack([2 * n2 + numbers, pressures])
 
 
 def _kinematics_group(system: System, state: RawState) -> _Group:
     """Nodes in solids: 2 rows of kinematics by 2 u and 2 v."""
-    nodes, n2 = np.flatnonzero(system.rows.kinematics), len(state.u)
+    nodes = np.flatnonzero(system.rows.kinematics)
     numbers = _numbers(nodes[:, None])
 
     def function(local: Array) -> Array:
         return momentum.kinematics(system, nodes, local[:, :2], local[:, 2:])
 
-    columns = np.hstack([numbers, 2 * n2 + numbers])
-    steps = np.broadcast_to(np.repeat(_step_sizes(system, state)[:2], 2), columns.shape)  # linear: any step is exact
-    rows = 4 * n2 + state.p.size + state.ps.size + numbers
-    return _Group(function, _flat(state)[columns], columns, rows, steps)
+    return function, np.hstack([numbers, state.u.size + numbers]), _flat(state).size + numbers
 
 
-def _step_sizes(system: System, state: RawState) -> list[float]:
-    """Sizes of u, v, p and ps, none of them zero."""
-    return [size or 1.0 for size in unknown_sizes(system, state)]
-
-
-def _differentiate(group: _Group, method: Method) -> Floats:
-    """Local Jacobians (n, rows, unknowns) of a group, one local unknown after the other on all elements at once."""
+def _differentiate(function: Callable[[Array], Array], unknowns: Floats) -> Floats:
+    """Local Jacobians (n, rows, unknowns), one local unknown after the other on all elements at once."""
     columns = []
-    for k in range(group.unknowns.shape[1]):
-        if method == "complex-step":
-            forward = group.unknowns.astype(complex)
-            forward[:, k] += 1j * _COMPLEX_STEP
-            columns.append(group.function(forward).imag / _COMPLEX_STEP)
-        else:
-            forward, backward = group.unknowns.copy(), group.unknowns.copy()
-            forward[:, k] += group.steps[:, k]
-            backward[:, k] -= group.steps[:, k]
-            # The step that rounding left, not the one that was asked for.
-            width = forward[:, k] - backward[:, k]
-            columns.append((group.function(forward) - group.function(backward)) / width[:, None])
+    for k in range(unknowns.shape[1]):
+        forward = unknowns.astype(complex)
+        forward[:, k] += 1j * _COMPLEX_STEP
+        columns.append(np.imag(function(forward)) / _COMPLEX_STEP)
     return np.stack(columns, axis=2)
 
 
@@ -351,10 +280,11 @@ class Factors:
     factors: SuperLU
 
     @classmethod
-    def of(cls, system: System, state: RawState, method: Method = "complex-step") -> "Factors":
+    def of(cls, system: System, state: RawState) -> "Factors":
         """Factorise the Jacobian of a state. Raises ``ConvergenceError`` if it is singular."""
-        columns = np.repeat(_step_sizes(system, state), [values.size for values in _fields(state)])
-        matrix = jacobian(system, state, method) @ diags_array(columns)
+        sizes = [size or 1.0 for size in unknown_sizes(system, state)]
+        columns = np.repeat(sizes, [values.size for values in state.fields])
+        matrix = jacobian(system, state) @ diags_array(columns)
         rows = 1.0 / abs(matrix).max(axis=1).toarray()
         matrix = diags_array(rows) @ matrix
         equilibrated = 1.0 / abs(matrix).max(axis=0).toarray()
@@ -370,9 +300,8 @@ class Factors:
         solution = -self.columns * self.factors.solve(self.rows * deviation)
         _, given = _row_sources(system)
         solution[given] = -deviation[given]  # without the rounding of the elimination
-        cuts = np.cumsum([state.u.size, state.v.size, state.p.size])
-        u, v, p, ps = np.split(solution, cuts)
-        return RawState(u.reshape(-1, 2), v.reshape(-1, 2), p, ps.reshape(state.ps.shape))
+        parts = np.split(solution, np.cumsum([values.size for values in state.fields])[:-1])
+        return RawState(*(part.reshape(own.shape) for part, own in zip(parts, state.fields, strict=True)))
 
 
 def damped_step(system: System, state: RawState, correction: RawState) -> tuple[RawState, Residual, float]:
@@ -392,13 +321,7 @@ def damped_step(system: System, state: RawState, correction: RawState) -> tuple[
 
 def moved(state: RawState, correction: RawState, step: float = 1.0) -> RawState:
     """Add a part of a correction to a state."""
-    return RawState(*(old + step * change for old, change in zip(_fields(state), _fields(correction), strict=True)))
-
-
-def _relative_size(correction: RawState, state: RawState) -> float:
-    """Largest norm of the correction relative to the unknowns among u, v, p, ps."""
-    pairs = zip(_fields(correction), _fields(state), strict=True)
-    return largest(relative(norm(change), norm(whole)) for change, whole in pairs)
+    return RawState(*(old + step * change for old, change in zip(state.fields, correction.fields, strict=True)))
 
 
 def _numbers(nodes: Ints) -> Ints:
@@ -407,13 +330,8 @@ def _numbers(nodes: Ints) -> Ints:
 
 
 def _flat(state: RawState) -> Floats:
-    return np.concatenate([values.ravel() for values in _fields(state)])
-
-
-def _fields(state: RawState) -> tuple[Floats, Floats, Floats, Floats]:
-    return state.u, state.v, state.p, state.ps
+    return np.concatenate([values.ravel() for values in state.fields])
 
 
 def _total(local: Mapping[str, Array]) -> Array:
-    total: Array = np.sum(list(local.values()), axis=0)
-    return total
+    return np.asarray(np.sum(list(local.values()), axis=0))

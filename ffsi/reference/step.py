@@ -35,13 +35,11 @@ class Step:
 
     def mean(self, new: Array, old: Array) -> Array:
         """Weighted mean theta new + (1 - theta) old of two arrays of one shape."""
-        result: Array = self.theta * new + (1.0 - self.theta) * old
-        return result
+        return self.theta * new + (1.0 - self.theta) * old
 
     def rate(self, new: Array, old: Array) -> Array:
         """Difference quotient (new - old) / k of two arrays of one shape, per second."""
-        result: Array = (new - old) / self.k
-        return result
+        return (new - old) / self.k
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from scipy.spatial import cKDTree
 
 from ffsi.files.arrays import Floats, Ints, RawMesh, RawState
 from ffsi.reference.elements import Elements
-from ffsi.reference.problem import FLUID_REGION, Boundary, Fluid, MeshMotion, Problem, Solid
+from ffsi.reference.problem import FLUID_REGION, Fluid, MeshMotion, Problem, Solid
 from ffsi.reference.step import Increment, Step
 
 Mask = NDArray[np.bool_]
@@ -44,9 +44,9 @@ class Rows:
     """Which nodes have a row of an equation, and which values are prescribed.
 
     ``momentum``, ``mesh_motion``, ``kinematics`` (n2,), ``continuity`` (nv,) and ``incompressibility`` (number of mixed
-    solids, nv) are true where the equation has a row. ``u_given``, ``v_given`` (n2,), ``p_given`` (nv,) and
-    ``ps_given`` (number of mixed solids, nv) are true where ``prescribed`` holds a value that the solution must have.
-    Every node has either a value or a row for each of u, v, p and each pressure of a mixed solid.
+    solids, nv) are true where the equation has a row; ``u_given`` to ``ps_given``, (n2,) to (number of mixed solids,
+    nv), where ``prescribed`` holds a value that the solution must have. Every node has either a value or a row for each
+    of u, v, p and each pressure of a mixed solid.
     """
 
     momentum: Mask
@@ -59,6 +59,11 @@ class Rows:
     p_given: Mask
     ps_given: Mask
     prescribed: RawState
+
+    @property
+    def given(self) -> tuple[Mask, Mask, Mask, Mask]:
+        """Where u, v, p, ps are prescribed."""
+        return self.u_given, self.v_given, self.p_given, self.ps_given
 
 
 @dataclass(frozen=True)
@@ -107,7 +112,11 @@ class System:
             raise ValueError(f"{problem.name}: the mesh has the regions {sorted(found)}, expected {sorted(regions)}")
         _check_labels(problem, mesh)
         fluid = _fluid_part(problem.fluid, problem, mesh) if problem.fluid else None
-        solids = {region: _solid_part(problem, mesh, region) for region in problem.solids}
+        pressures = {region: row for row, region in enumerate(problem.mixed_regions)}
+        solids = {
+            region: SolidPart(law, _elements(mesh, region), pressures.get(region))
+            for region, law in problem.solids.items()
+        }
         return cls(problem, mesh, fluid, solids, _rows(problem, mesh, fluid, solids, None))
 
     def stepping(self, old: RawState, step: Step, reservoir: float = 0.0) -> "System":
@@ -159,15 +168,6 @@ def _mesh_stiffness(motion: MeshMotion, problem: Problem, mesh: RawMesh, element
     return alpha
 
 
-def _solid_part(problem: Problem, mesh: RawMesh, region: int) -> SolidPart:
-    mixed = problem.mixed_regions
-    return SolidPart(
-        law=problem.solids[region],
-        elements=_elements(mesh, region),
-        pressure=mixed.index(region) if region in mixed else None,
-    )
-
-
 def outline(mesh: RawMesh, region: int) -> Sides:
     """Find the sides that belong to exactly one triangle of a region."""
     inside = mesh.region == region
@@ -176,13 +176,9 @@ def outline(mesh: RawMesh, region: int) -> Sides:
     element, side = np.divmod(first[count == 1], 3)
     start, end = (side + 1) % 3, (side + 2) % 3
     corners = mesh.triangles[inside]
-    return Sides(
-        element=element,
-        side=side,
-        nodes=np.column_stack([p2[element, start], p2[element, end], p2[element, 3 + side]]),
-        label=_labels_of(mesh, keys[element, side]),
-        tangent=mesh.vertices[corners[element, end]] - mesh.vertices[corners[element, start]],
-    )
+    nodes = np.column_stack([p2[element, start], p2[element, end], p2[element, 3 + side]])
+    tangent = mesh.vertices[corners[element, end]] - mesh.vertices[corners[element, start]]
+    return Sides(element, side, nodes, _labels_of(mesh, keys[element, side]), tangent)
 
 
 def _labels_of(mesh: RawMesh, keys: Ints) -> Ints:
@@ -249,7 +245,7 @@ def _conditions(problem: Problem, mesh: RawMesh, time: float | None) -> tuple[Ma
         if boundary.role == "inlet" and problem.inflow is not None:
             v[nodes.ravel()] = problem.inflow.at(mesh.p2_coordinates[nodes.ravel()], time or 0.0)
         if boundary.role == "no-slip" and boundary.circle is not None:
-            u[nodes[:, 2]] = _onto_circle(boundary, mesh.p2_coordinates[nodes])
+            u[nodes[:, 2]] = _onto_circle(boundary.name, boundary.circle, mesh.p2_coordinates[nodes])
     if (exact := problem.manufactured) is not None:
         # A fluid alone has no equation for u: it has the value everywhere.
         where = held_u if problem.solids else np.ones_like(held_u)
@@ -259,17 +255,14 @@ def _conditions(problem: Problem, mesh: RawMesh, time: float | None) -> tuple[Ma
     return held_u, held_v, RawState(u, v, np.zeros(nv), np.zeros((len(problem.mixed_regions), nv)))
 
 
-def _onto_circle(boundary: Boundary, points: Floats) -> Floats:
+def _onto_circle(name: str, circle: tuple[float, float, float], points: Floats) -> Floats:
     """Displacement (n, 2) of the middles of edges with ``points`` (n, 3, 2) along the ray onto the circle.
 
     Raises ``ValueError`` if the ends of the edges do not lie on the circle.
     """
-    if boundary.circle is None:
-        raise ValueError(f"{boundary.name} has no circle")
-    *centre, radius = boundary.circle
+    *centre, radius = circle
     ray = points - np.array(centre)
     distance = np.hypot(ray[..., 0], ray[..., 1])
     if not (off := np.abs(distance[:, :2] / radius - 1.0).max()) <= 1e-8:
-        raise ValueError(f"{boundary.name}: a vertex is {off:.1e} radii off the circle {boundary.circle}")
-    displacement: Floats = ray[:, 2] * (radius / distance[:, 2:] - 1.0)
-    return displacement
+        raise ValueError(f"{name}: a vertex is {off:.1e} radii off the circle {circle}")
+    return np.asarray(ray[:, 2] * (radius / distance[:, 2:] - 1.0))

@@ -28,6 +28,10 @@ from ffsi.reference.step import Step
 from ffsi.reference.viscosity import Viscosity
 
 Vector = tuple[float, float]
+# Of sides, whose nodes are their ends and their middle: three Gauss points are exact for the integrands here, of degree
+# 5 at most, unless a kink is in them.
+_POINTS, _WEIGHTS = gauss_rule(3)
+_VALUES, _SLOPES = line_basis(_POINTS)
 
 
 def gradient_of(values: Array, gradients: Floats) -> Array:
@@ -42,14 +46,12 @@ def against_gradient(flux: Array, elements: Elements) -> Array:
     n, q = elements.weights.shape
     weighted = (flux * elements.weights[:, :, None, None]).transpose(0, 1, 3, 2).reshape(n, 2 * q, 2)
     test = elements.gradients.transpose(0, 2, 1, 3).reshape(n, 6, 2 * q)
-    result: Array = test @ weighted
-    return result
+    return test @ weighted
 
 
 def against_value(density: Array, elements: Elements) -> Array:
     """Integrals of density . w for every P2 test function, (n, 7, 2) to (n, 6, 2)."""
-    result: Array = elements.basis.T @ (density * elements.weights[:, :, None])
-    return result
+    return elements.basis.T @ (density * elements.weights[:, :, None])
 
 
 @dataclass(frozen=True)
@@ -86,14 +88,12 @@ class Flow:
     @property
     def pressure_flux(self) -> Array:
         """Pressure part of the first Piola-Kirchhoff stress, -p cof F."""
-        result: Array = -self.pressure[..., None, None] * self.cofactor
-        return result
+        return -self.pressure[..., None, None] * self.cofactor
 
     @property
     def doubled_deformation_rate(self) -> Array:
         """Twice the rate of deformation, 2 D = (G + G^T)/J, (n, q, 2, 2) per second."""
-        rate: Array = (self.transport + transpose(self.transport)) / self.jacobian[..., None, None]
-        return rate
+        return (self.transport + transpose(self.transport)) / self.jacobian[..., None, None]
 
     def viscosity(self, law: Viscosity) -> Array:
         """Dynamic viscosity at the shear rate g, g^2 = 2 D:D, (n, q) pascal seconds."""
@@ -102,8 +102,7 @@ class Flow:
 
     def viscous_flux(self, law: Viscosity) -> Array:
         """Viscous part of the first Piola-Kirchhoff stress, 2 mu D cof F."""
-        result: Array = self.viscosity(law)[..., None, None] * (self.doubled_deformation_rate @ self.cofactor)
-        return result
+        return self.viscosity(law)[..., None, None] * (self.doubled_deformation_rate @ self.cofactor)
 
 
 def fluid_momentum(fluid: Fluid, gravity: Vector, elements: Elements, flow: Flow) -> dict[str, Array]:
@@ -124,9 +123,9 @@ def step_fluxes(fluid: Fluid, step: Step, new: Flow, old: Flow) -> dict[str, Arr
     The pressure is the new one only, one value for the step, but the surface that it acts on is the mean of both ends;
     the viscous part is the mean.
     """
-    surface = step.mean(new.cofactor, old.cofactor)
+    pressure = -new.pressure[..., None, None] * step.mean(new.cofactor, old.cofactor)
     viscosity = step.mean(new.viscous_flux(fluid.viscosity), old.viscous_flux(fluid.viscosity))
-    return {"pressure": -new.pressure[..., None, None] * surface, "viscosity": viscosity}
+    return {"pressure": pressure, "viscosity": viscosity}
 
 
 def fluid_step(
@@ -141,13 +140,13 @@ def fluid_step(
     convection = step.mean(
         *(np.einsum("tqij,tqj->tqi", flow.transport, flow.velocity - mesh_velocity) for flow in (new, old))
     )
-    fluxes = step_fluxes(fluid, step, new, old)
-    return {
-        "inertia": against_value(fluid.density * jacobian * step.rate(new.velocity, old.velocity), elements),
-        "convection": against_value(fluid.density * convection, elements),
-        "pressure": against_gradient(fluxes["pressure"], elements),
-        "viscosity": against_gradient(fluxes["viscosity"], elements),
-        "gravity": against_value(-fluid.density * jacobian * np.array(gravity), elements),
+    densities = {
+        "inertia": jacobian * step.rate(new.velocity, old.velocity),
+        "convection": convection,
+        "gravity": -jacobian * np.array(gravity),
+    }
+    return {name: against_value(fluid.density * density, elements) for name, density in densities.items()} | {
+        name: against_gradient(flux, elements) for name, flux in step_fluxes(fluid, step, new, old).items()
     }
 
 
@@ -186,8 +185,7 @@ def solid_momentum(solid: Solid, gravity: Vector, elements: Elements, u: Array, 
 def second_piola(gradient: Array, stress: Array) -> Array:
     """Second Piola-Kirchhoff stress F^-1 P of the displacement gradient and the first one, (..., 2, 2)."""
     deformation = IDENTITY + gradient
-    result: Array = transpose(cofactor(deformation)) @ stress / determinant(deformation)[..., None, None]
-    return result
+    return transpose(cofactor(deformation)) @ stress / determinant(deformation)[..., None, None]
 
 
 def step_stress(step: Step, gradients: tuple[Array, Array], stresses: tuple[Array, Array]) -> Array:
@@ -197,8 +195,7 @@ def step_stress(step: Step, gradients: tuple[Array, Array], stresses: tuple[Arra
     stress that turns with it, and it feeds energy into stiff modes.
     """
     second = step.mean(*(second_piola(*end) for end in zip(gradients, stresses, strict=True)))
-    result: Array = (IDENTITY + step.mean(*gradients)) @ second
-    return result
+    return (IDENTITY + step.mean(*gradients)) @ second
 
 
 def solid_step(
@@ -225,12 +222,6 @@ def solid_step(
     }
 
 
-def kinematics(step: Step, new: Motion, old: Motion) -> Array:
-    """What is left of the velocity in a solid, du/dt - v in a time step, at nodes; (n, 2) metres per second."""
-    result: Array = step.rate(new.u, old.u) - step.mean(new.v, old.v)
-    return result
-
-
 def incompressibility(solid: Solid, elements: Elements, u: Array, p: Array) -> dict[str, Array]:
     """Terms of a mixed solid's volume equation c(J, p) = 0, (n, 3) square metres: div u in two parts, and the rest.
 
@@ -247,37 +238,25 @@ def incompressibility(solid: Solid, elements: Elements, u: Array, p: Array) -> d
     return {name: (part * elements.weights) @ elements.p1 for name, part in parts.items()}
 
 
-def traction(load: Vector, length: Floats) -> Floats:
-    """Work of the dead load (Pa) on edges of ``length`` (n,) metres, with its sign in the momentum; (n, 3, 2).
-
-    The nodes of an edge are its ends and its middle.
-    """
-    points, weights = gauss_rule(3)
-    share = weights @ line_basis(points)[0]
-    result: Floats = -length[:, None, None] * share[:, None] * np.array(load)
-    return result
+def traction(load: Vector, length: Floats) -> Array:
+    """Work of the dead load (Pa) on edges of ``length`` (n,) metres, with its sign in the momentum; (n, 3, 2)."""
+    return np.asarray(-length[:, None, None] * (_WEIGHTS @ _VALUES)[:, None] * np.array(load))
 
 
 def outlet(viscosity: float, v: Array) -> Array:
     """Do-nothing outlet, -B_out, (n, 3, 2) for the three P2 nodes of each side with nodal velocities (n, 3, 2).
 
     The side runs with the fluid on its left, so its direction is the outward normal turned by +90 degrees; its length
-    cancels between d/ds and ds. Three Gauss points are exact for this integrand of degree 3.
+    cancels between d/ds and ds.
     """
-    points, weights = gauss_rule(3)
-    values, slopes = line_basis(points)
-    derivative = slopes @ v
+    derivative = _SLOPES @ v
     traction = viscosity * np.stack([-derivative[..., 1], derivative[..., 0]], axis=-1)
-    result: Array = -(values * weights[:, None]).T @ traction
-    return result
+    return -(_VALUES * _WEIGHTS[:, None]).T @ traction
 
 
 def outlet_flow(normal: Floats, v: Array) -> Array:
     """Flow rate through all sides, a scalar in m2/s, with normals (n, 2) times length and nodal v (n, 3, 2)."""
-    points, weights = gauss_rule(3)
-    values, _ = line_basis(points)
-    result: Array = np.einsum("q,qa,nai,ni->", weights, values, v, normal)
-    return result
+    return np.asarray(np.einsum("q,qa,nai,ni->", _WEIGHTS, _VALUES, v, normal))
 
 
 def outlet_pressure(normal: Floats, pressure: Array | float) -> Array:
@@ -285,25 +264,18 @@ def outlet_pressure(normal: Floats, pressure: Array | float) -> Array:
 
     It is one number, or (n, 3) at the three Gauss points of each side.
     """
-    points, weights = gauss_rule(3)
-    share = (line_basis(points)[0] * weights[:, None]).T
     acting = np.asarray(pressure) * np.ones((len(normal), 3))
-    result: Array = np.einsum("aq,nq,ni->nai", share, acting, normal)
-    return result
+    return np.asarray(np.einsum("aq,nq,ni->nai", (_VALUES * _WEIGHTS[:, None]).T, acting, normal))
 
 
 def side_pressure(ends: Array, pressure: Array | float) -> Array:
     """Work (n, 3, 2) of the stress -pressure on sides whose P2 nodes, start, end, middle, lie at ``ends`` (n, 3, 2).
 
-    The side runs with the material on its left. dx/ds turned by -90 degrees is cof F N dS/ds: three Gauss points are
-    exact.
+    The side runs with the material on its left. dx/ds turned by -90 degrees is cof F N dS/ds.
     """
-    points, weights = gauss_rule(3)
-    values, slopes = line_basis(points)
-    along = slopes @ ends
+    along = _SLOPES @ ends
     outward = np.stack([along[..., 1], -along[..., 0]], axis=-1)
-    result: Array = -pressure * (values * weights[:, None]).T @ outward
-    return result
+    return -pressure * (_VALUES * _WEIGHTS[:, None]).T @ outward
 
 
 def backflow(momentum: float, normal: Floats, v: Array) -> Array:
@@ -316,14 +288,10 @@ def backflow(momentum: float, normal: Floats, v: Array) -> Array:
     velocity = values @ v
     out = np.einsum("nqi,ni->nq", velocity, normal)
     inward = np.where(out.real < 0.0, out, 0.0) * weights
-    result: Array = -momentum * values.T @ (inward[..., None] * velocity)
-    return result
+    return -momentum * values.T @ (inward[..., None] * velocity)
 
 
 def support(held: Support, length: Floats, u: Array, v: Array) -> Array:
     """Elastic support of edges of ``length`` (n,) metres with nodal u, v (n, 3, 2), (n, 3, 2)."""
-    points, weights = gauss_rule(3)
-    values, _ = line_basis(points)
-    force = values @ (held.stiffness * u + held.damping * v)
-    result: Array = values.T @ (length[:, None, None] * weights[:, None] * force)
-    return result
+    force = _VALUES @ (held.stiffness * u + held.damping * v)
+    return _VALUES.T @ (length[:, None, None] * _WEIGHTS[:, None] * force)

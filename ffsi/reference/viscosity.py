@@ -53,8 +53,7 @@ class Carreau(Viscosity):
     def at(self, squared_rate: Array) -> Array:
         """Return mu_inf + (mu_0 - mu_inf) (1 + K g^2)^n."""
         factor = np.exp(self.exponent * np.log(1.0 + self.squared_time * squared_rate))
-        result: Array = factor * self.rest + (1.0 - factor) * self.infinity
-        return result
+        return np.asarray(factor * self.rest + (1.0 - factor) * self.infinity)
 
     @property
     def outlet(self) -> float:
@@ -73,8 +72,7 @@ class PowerLaw(Viscosity):
     def at(self, squared_rate: Array) -> Array:
         """Return c (g^2 + e^2)^((m-1)/2)."""
         rate = np.sqrt(squared_rate + self.smallest**2)
-        result: Array = self.consistency * rate ** (self.exponent - 1.0)
-        return result
+        return np.asarray(self.consistency * rate ** (self.exponent - 1.0))
 
     @property
     def outlet(self) -> float:
@@ -93,8 +91,7 @@ class Casson(Viscosity):
     def at(self, squared_rate: Array) -> Array:
         """Return (sqrt(mu_inf) + sqrt(tau_y) (g^2 + e^2)^(-1/4))^2."""
         rate = np.sqrt(squared_rate + self.smallest**2)
-        result: Array = (math.sqrt(self.infinity) + np.sqrt(self.yield_stress / rate)) ** 2
-        return result
+        return np.asarray((math.sqrt(self.infinity) + np.sqrt(self.yield_stress / rate)) ** 2)
 
     @property
     def outlet(self) -> float:

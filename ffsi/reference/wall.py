@@ -6,11 +6,11 @@ the shear stress its part along the wall.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
-from ffsi.files.arrays import Floats, Ints, RawState, read_arrays
+from ffsi.files.arrays import Floats, Ints, RawState
+from ffsi.files.cycles import WallCycle
 from ffsi.reference.forces import side_flow
 from ffsi.reference.relative import largest, relative
 from ffsi.reference.system import FluidPart, Sides, System
@@ -28,8 +28,7 @@ class WallShear:
     @property
     def size(self) -> Floats:
         """Its absolute value, (n,) pascals."""
-        result: Floats = np.hypot(*self.stress.T)
-        return result
+        return np.asarray(np.hypot(*self.stress.T))
 
     def difference(self, nodes: Ints, stress: Floats) -> float:
         """Largest difference from the ``stress`` (m, 2) at ``nodes`` (m,), relative to the largest size.
@@ -64,8 +63,7 @@ def _order(nodes: Ints, wanted: Ints) -> Ints | None:
     """Places of the ``wanted`` nodes among ``nodes``; None if these are others."""
     if len(nodes) != len(wanted) or not np.array_equal(np.sort(nodes), np.sort(wanted)):
         return None
-    order: Ints = np.argsort(nodes)[np.argsort(np.argsort(wanted))]
-    return order
+    return np.argsort(nodes)[np.argsort(np.argsort(wanted))]
 
 
 # Cycles ---------------------------------------------------------------------------------------------------------------
@@ -93,56 +91,33 @@ class Passage:
         return length * stress, length * size
 
 
-@dataclass(frozen=True)
-class WallCycle:
-    """Sums over the cycle from ``start`` to ``end`` that a run has written, in the order of its ``nodes`` (n,).
+def cycle_difference(cycle: WallCycle, passages: Sequence[Passage]) -> float:
+    """Largest relative difference of a cycle from the sums of the steps, where they make up the whole of it.
 
-    ``integral`` (n, 2) and ``magnitude`` (n,) Pa s of the stress and of its size, ``peak`` (n,) Pa its largest size.
+    Of steps that do not, only the peak is compared, which none of their states may exceed. Infinite if the nodes are
+    not the same.
     """
+    inside = [each for each in passages if each.end > cycle.start and each.start < cycle.end]
+    if not inside:
+        return 0.0
+    if (order := _order(cycle.node, inside[0].after.nodes)) is None:
+        return np.inf
+    length = sum(min(each.end, cycle.end) - max(each.start, cycle.start) for each in inside)
+    found = [_above_peak(cycle, each, order) for each in inside]
+    if abs(length - (cycle.end - cycle.start)) <= _SAME * length:
+        parts = [each.integrals(cycle.start, cycle.end) for each in inside]
+        integral, magnitude = (np.sum(part, axis=0) for part in zip(*parts, strict=True))
+        size = float(magnitude.max())
+        found.append(relative(largest(np.abs(cycle.integral[order] - integral).ravel()), size))
+        found.append(relative(largest(np.abs(cycle.magnitude[order] - magnitude)), size))
+        highest = np.max([each.after.size for each in inside] + [inside[0].before.size], axis=0)
+        found.append(relative(largest(cycle.peak[order] - highest), float(highest.max())))
+    return largest(found)
 
-    start: float
-    end: float
-    nodes: Ints
-    integral: Floats
-    magnitude: Floats
-    peak: Floats
 
-    @classmethod
-    def read(cls, path: Path) -> "WallCycle":
-        """Read a file ``wall-0003.bin``. Raises ``ValueError`` if it is damaged."""
-        head, times, nodes, *sums = read_arrays(path, (int, float, int, float, float, float, float))
-        lengths = [len(array) for array in (times, nodes, *sums)]
-        if lengths != [2, *[len(nodes)] * 5] or head.tolist()[::2] != [1, len(nodes)]:
-            raise ValueError(f"{path}: no sums of the wall shear stress, or of another version")
-        x, y, magnitude, peak = (np.asarray(array, dtype=np.float64) for array in sums)
-        return cls(float(times[0]), float(times[1]), nodes.astype(np.int64), np.column_stack([x, y]), magnitude, peak)
-
-    def difference(self, passages: Sequence[Passage]) -> float:
-        """Largest relative difference from the sums of the steps, where they make up the whole cycle.
-
-        Of steps that do not, only the peak is compared, which none of their states may exceed. Infinite if the nodes
-        are not the same.
-        """
-        inside = [each for each in passages if each.end > self.start and each.start < self.end]
-        if not inside:
-            return 0.0
-        if (order := _order(self.nodes, inside[0].after.nodes)) is None:
-            return np.inf
-        length = sum(min(each.end, self.end) - max(each.start, self.start) for each in inside)
-        found = [self._above_peak(each, order) for each in inside]
-        if abs(length - (self.end - self.start)) <= _SAME * length:
-            parts = [each.integrals(self.start, self.end) for each in inside]
-            integral, magnitude = (np.sum(part, axis=0) for part in zip(*parts, strict=True))
-            size = float(magnitude.max())
-            found.append(relative(largest(np.abs(self.integral[order] - integral).ravel()), size))
-            found.append(relative(largest(np.abs(self.magnitude[order] - magnitude)), size))
-            highest = np.max([each.after.size for each in inside] + [inside[0].before.size], axis=0)
-            found.append(relative(largest(self.peak[order] - highest), float(highest.max())))
-        return largest(found)
-
-    def _above_peak(self, step: Passage, order: Ints) -> float:
-        """By how much a step inside of the cycle ends above the peak, relative to the largest size there."""
-        if not step.end < self.end - _SAME * (self.end - self.start):
-            return 0.0
-        above = largest(step.after.size - self.peak[order])
-        return relative(above, float(step.after.size.max()))
+def _above_peak(cycle: WallCycle, step: Passage, order: Ints) -> float:
+    """By how much a step inside of the cycle ends above the peak, relative to the largest size there."""
+    if not step.end < cycle.end - _SAME * (cycle.end - cycle.start):
+        return 0.0
+    above = largest(step.after.size - cycle.peak[order])
+    return relative(above, float(step.after.size.max()))

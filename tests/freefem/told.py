@@ -11,10 +11,10 @@ from pathlib import Path
 
 import numpy as np
 from manufactured import Exact
+from structured import structured_mesh
 
 from ffsi.files.arrays import Floats, RawMesh, RawState, write_arrays
 from ffsi.reference.elements import Elements, gauss_rule, line_basis
-from ffsi.reference.structured import structured_mesh
 from ffsi.scene import Scene
 from ffsi.script.render import render
 

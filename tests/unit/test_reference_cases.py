@@ -4,12 +4,16 @@ import dataclasses
 import math
 
 import numpy as np
+from structured import structured_mesh
 
 from ffsi.files.arrays import RawMesh, RawState
+from ffsi.reference import check
+from ffsi.reference import solve as solving
 from ffsi.reference.conditions import Inflow, Outlet
 from ffsi.reference.materials import MooneyRivlin, NeoHookean, StVenantKirchhoff
 from ffsi.reference.problem import Boundary, Fluid, MeshMotion, Problem, Solid
-from ffsi.reference.structured import structured_mesh
+from ffsi.reference.residual import compute_residual
+from ffsi.reference.system import System
 from ffsi.reference.viscosity import Newtonian
 
 LENGTH, HEIGHT = 2.0, 1.0
@@ -217,6 +221,31 @@ def state_of(mesh, u=None, v=None, p=None) -> RawState:
         v=v(points) if v else np.zeros_like(points),
         p=p(mesh.vertices) if p else np.zeros(len(mesh.vertices)),
     )
+
+
+def check_state(problem, mesh, state, quantities, tolerance=check.TOLERANCE):
+    """Report on a steady state."""
+    return check.check_state(System.build(problem, mesh), state, quantities, tolerance)
+
+
+def check_step(problem, mesh, old, new, step, quantities, tolerance=check.TOLERANCE, reservoir=0.0):
+    """Report on the time step from ``old`` to ``new``."""
+    system = System.build(problem, mesh).stepping(old, step, reservoir)
+    return check.check_state(system, new, quantities, tolerance)
+
+
+def assert_jacobian_is_the_derivative(system, state, change, step=1e-4, close=1e-6):
+    """The Jacobian times a change of the state is the central difference of the residual, in the rows of each field."""
+
+    def moved(t):
+        new = solving.moved(state, change, t)
+        return solving.residual_vector(system, new, compute_residual(system, new))
+
+    expected = (moved(step) - moved(-step)) / (2.0 * step)
+    found = solving.jacobian(system, state) @ np.concatenate([field.ravel() for field in change.fields])
+    cuts = np.cumsum([field.size for field in state.fields])[:-1]
+    for rows, wanted in zip(np.split(found, cuts), np.split(expected, cuts), strict=True):
+        np.testing.assert_allclose(rows, wanted, rtol=0, atol=close * np.abs(wanted).max(initial=0.0))
 
 
 def areas(mesh):

@@ -6,12 +6,14 @@ import math
 
 import numpy as np
 import pytest
+from structured import structured_mesh
 from test_reference_cases import (
     bump_mesh,
     bump_problem,
     cantilever_problem,
     channel_mesh,
     channel_problem,
+    check_state,
     flap_mesh,
     flap_problem,
     flow_in,
@@ -20,7 +22,7 @@ from test_reference_cases import (
 
 from ffsi.files.arrays import RawState, read_mesh, read_state, write_mesh, write_state
 from ffsi.reference import check, terms
-from ffsi.reference.check import check_run, check_state
+from ffsi.reference.check import check_run
 from ffsi.reference.conditions import Outlet
 from ffsi.reference.forces import Forces, compute_forces
 from ffsi.reference.from_scene import problem_from_scene
@@ -28,7 +30,6 @@ from ffsi.reference.materials import MooneyRivlin, NeoHookean
 from ffsi.reference.problem import Boundary, MeshMotion, Solid
 from ffsi.reference.quantities import recompute
 from ffsi.reference.solve import solve
-from ffsi.reference.structured import structured_mesh
 from ffsi.reference.system import System
 from ffsi.scene import CASES, with_values
 

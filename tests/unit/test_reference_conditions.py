@@ -10,9 +10,12 @@ from test_reference_cases import (
     HEIGHT,
     LENGTH,
     MEAN_VELOCITY,
+    assert_jacobian_is_the_derivative,
     cantilever_problem,
     channel_mesh,
     channel_problem,
+    check_state,
+    check_step,
     flow_in,
     profile,
     roof_mesh,
@@ -25,12 +28,11 @@ from test_reference_step_terms import random_step
 
 from ffsi.files.arrays import RawState
 from ffsi.reference import terms
-from ffsi.reference.check import check_state, check_step
 from ffsi.reference.conditions import Inflow, Outlet, Support
 from ffsi.reference.materials import StVenantKirchhoff
 from ffsi.reference.problem import Boundary, Fluid, Solid
 from ffsi.reference.residual import compute_residual
-from ffsi.reference.solve import jacobian, residual_vector, solve, solve_step
+from ffsi.reference.solve import solve, solve_step
 from ffsi.reference.step import Step
 from ffsi.reference.system import System
 from ffsi.reference.viscosity import Newtonian
@@ -269,19 +271,9 @@ def test_jacobian_is_the_derivative(steady):
     system, state = random_step(vessel_problem(), roof_mesh(4))
     if steady:
         system = System.build(vessel_problem(), roof_mesh(4))
-    exact, differences = (jacobian(system, state, method) for method in ("complex-step", "divided-difference"))
-    np.testing.assert_allclose(differences.toarray(), exact.toarray(), rtol=0, atol=1e-5 * np.abs(exact.data).max())
     rng = np.random.default_rng(5)
-    fields = [getattr(state, field) for field in ("u", "v", "p", "ps")]
-    change = [1e-3 * rng.normal(size=field.shape) for field in fields]
-
-    def moved(t):
-        new = RawState(*(value + t * direction for value, direction in zip(fields, change, strict=True)))
-        return residual_vector(system, new, compute_residual(system, new))
-
-    expected = (moved(1e-3) - moved(-1e-3)) / 2e-3
-    found = exact @ np.concatenate([direction.ravel() for direction in change])
-    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-6 * np.abs(expected).max())
+    change = RawState(*(1e-3 * rng.normal(size=field.shape) for field in state.fields))
+    assert_jacobian_is_the_derivative(system, state, change, 1e-3)
 
 
 @pytest.fixture(scope="module")

@@ -5,9 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from ffsi.reference.conditions import Outlet, Support
+from ffsi.reference.conditions import Outlet, Series, Support, womersley
 from ffsi.reference.from_scene import problem_from_scene
-from ffsi.reference.inflow import Series, womersley
 from ffsi.scene import CASES, with_values
 
 HEIGHT, MEAN, NU, PERIOD = 0.02, 0.3, 4e-6, 0.9

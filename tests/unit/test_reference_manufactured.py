@@ -3,28 +3,58 @@
 import numpy as np
 import pytest
 from manufactured import DENSITY, LAMBDA, MU, SOLID_DENSITY, VISCOSITY, Exact, det, divergence, gradient, vector
+from structured import structured_mesh
 
 from ffsi.files.arrays import RawState
+from ffsi.reference import terms
 from ffsi.reference.conditions import Outlet
-from ffsi.reference.elements import Elements
+from ffsi.reference.elements import Elements, gauss_rule, line_basis, scatter
 from ffsi.reference.materials import NeoHookean, StVenantKirchhoff
 from ffsi.reference.problem import Boundary, Fluid, Manufactured, MeshMotion, Problem, Solid
 from ffsi.reference.solve import solve
-from ffsi.reference.structured import structured_mesh
-from ffsi.reference.system import System
+from ffsi.reference.system import System, outline
 from ffsi.reference.viscosity import Carreau, Casson, Newtonian, PowerLaw
 
 
 def manufactured_of(exact, velocity, regions):
-    force = {1: exact.fluid_force, 2: exact.solid_force}
-    stress = {1: exact.fluid_stress, 2: exact.solid_stress}
-    return Manufactured(
-        exact.u,
-        velocity,
-        {region: force[region] for region in regions},
-        {region: stress[region] for region in regions},
-        exact.mass if 1 in regions else None,
-    )
+    fields = {1: (exact.fluid_force, exact.fluid_stress), 2: (exact.solid_force, exact.solid_stress)}
+
+    def force(system):
+        """In a time step the weighted mean of both ends, like any other force that depends on the time."""
+        ends = [(1.0, 0.0)]
+        if system.increment is not None:
+            step = system.increment.step
+            ends = [(step.theta, step.time), (1.0 - step.theta, step.start)]
+        return -sum(weight * work(system, region, *fields[region], time) for weight, time in ends for region in regions)
+
+    def mass(system):
+        elements, time = system.fluid.elements, system.increment.step.time if system.increment else 0.0
+        points = points_of(system, elements)
+        density = exact.mass(points.reshape(-1, 2), time).reshape(points.shape[:2])
+        return -scatter(
+            ((density * elements.weights) @ elements.p1)[..., None], elements.vertices, len(system.mesh.vertices)
+        )
+
+    return Manufactured(exact.u, velocity, force, mass if 1 in regions else None)
+
+
+def points_of(system, elements):
+    """Quadrature points of the triangles, (n, 7, 2)."""
+    return elements.p1 @ system.mesh.vertices[elements.vertices]
+
+
+def work(system, region, force, stress, time):
+    """Work (n2, 2) of a force per volume in a region and of the traction P N on the boundary of the region."""
+    mesh = system.mesh
+    elements = (system.fluid if region == 1 else system.solids[region]).elements
+    points = points_of(system, elements)
+    values = force(points.reshape(-1, 2), time).reshape(points.shape)
+    total = scatter(terms.against_value(values, elements), elements.nodes, mesh.n_p2)
+    sides, (parameters, weights) = outline(mesh, region), gauss_rule()
+    points = mesh.p2_coordinates[sides.nodes[:, :1]] + parameters[:, None] * sides.tangent[:, None]
+    tensor = stress(points.reshape(-1, 2), time).reshape(*points.shape, 2)
+    local = np.einsum("q,qa,nqij,nj->nai", weights, line_basis(parameters)[0], tensor, sides.normal)
+    return total + scatter(local, sides.nodes, mesh.n_p2)
 
 
 # Meshes and problems on the unit square -------------------------------------------------------------------------------

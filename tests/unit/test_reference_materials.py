@@ -8,7 +8,6 @@ from ffsi.reference.materials import (
     IDENTITY,
     MooneyRivlin,
     NeoHookean,
-    PseudoSolid,
     SplitMaterial,
     StVenantKirchhoff,
     cofactor,
@@ -23,7 +22,6 @@ C10, C01, BULK = 0.2, 0.15, LAMBDA + 2 / 3 * MU
 PAPER = MooneyRivlin(75.0, 100.0, 5.6)
 MATERIALS = [
     (StVenantKirchhoff(LAMBDA, MU), LAMBDA, MU),
-    (PseudoSolid(LAMBDA), LAMBDA, 1.0),
     (NeoHookean(LAMBDA, MU), LAMBDA, MU),
     (MooneyRivlin(C10, C01, BULK), LAMBDA, MU),
     (PAPER, 5.6 - 2 / 3 * 350.0, 350.0),
@@ -71,7 +69,7 @@ def eliminated(material, gradient):
 def test_all_laws_of_the_scenes_are_here():
     of_scenes = {"st-venant-kirchhoff": StVenantKirchhoff, "neo-hookean": NeoHookean, "mooney-rivlin": MooneyRivlin}
     assert set(of_scenes) == set(from_scene.MATERIALS) == set(SCENE_LAWS)
-    assert {*of_scenes.values(), PseudoSolid} == {type(material) for material, *_ in MATERIALS}
+    assert {*of_scenes.values()} == {type(material) for material, *_ in MATERIALS}
 
 
 def test_gradients_are_many_and_large():
@@ -226,18 +224,6 @@ def test_st_venant_kirchhoff_is_the_textbook_formula():
     np.testing.assert_allclose(StVenantKirchhoff(LAMBDA, MU).first_piola(GRADIENTS), expected, rtol=0, atol=1e-14)
 
 
-def test_pseudo_solid_is_the_formula_of_the_document():
-    deformation = IDENTITY + GRADIENTS
-    inverse = np.linalg.inv(deformation).transpose(0, 2, 1)
-    log = np.log(np.linalg.det(deformation))[:, None, None]
-    solid = PseudoSolid(LAMBDA)
-    np.testing.assert_allclose(solid.shape_stress(GRADIENTS), deformation - inverse, rtol=0, atol=1e-13)
-    np.testing.assert_allclose(solid.volume_stress(GRADIENTS), LAMBDA * log * inverse, rtol=0, atol=1e-13)
-    norm = (deformation**2).sum(axis=(1, 2))
-    energy = 0.5 * (norm - 2.0) - log.ravel() + 0.5 * LAMBDA * log.ravel() ** 2
-    np.testing.assert_allclose(solid.energy(GRADIENTS), energy, rtol=0, atol=1e-13)
-
-
 def test_neo_hookean_is_the_textbook_formula():
     deformation = IDENTITY + GRADIENTS
     inverse = np.linalg.inv(deformation).transpose(0, 2, 1)
@@ -278,9 +264,7 @@ def test_mooney_rivlin_is_the_formula_in_three_dimensions():
     np.testing.assert_allclose(solid.first_piola(GRADIENTS), expected, rtol=0, atol=1e-13)
 
 
-@pytest.mark.parametrize(
-    "solid", [PseudoSolid(LAMBDA), NeoHookean(LAMBDA, MU), MooneyRivlin(C10, C01, BULK), PAPER], ids=str
-)
+@pytest.mark.parametrize("solid", [NeoHookean(LAMBDA, MU), MooneyRivlin(C10, C01, BULK), PAPER], ids=str)
 def test_logarithms_and_powers_resist_ever_more_and_give_no_stress_where_inverted(solid):
     pressure = [-solid.first_piola(np.diag([squeezed - 1.0, 0.0]))[0, 0] for squeezed in (0.5, 0.1, 0.01)]
     assert 0.0 < pressure[0] < pressure[1] / 5.0 < pressure[2] / 50.0

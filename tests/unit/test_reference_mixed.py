@@ -9,9 +9,11 @@ from scipy.optimize import brentq
 from test_reference_cases import (
     HEIGHT,
     LENGTH,
+    assert_jacobian_is_the_derivative,
     cantilever_problem,
     channel_mesh,
     channel_problem,
+    check_state,
     flap_mesh,
     flap_problem,
     loaded_problem,
@@ -21,11 +23,10 @@ from test_reference_cases import (
 )
 
 from ffsi.files.arrays import RawState
-from ffsi.reference.check import check_state
 from ffsi.reference.materials import MooneyRivlin, NeoHookean, StVenantKirchhoff
 from ffsi.reference.problem import Boundary, Solid
 from ffsi.reference.residual import compute_residual
-from ffsi.reference.solve import jacobian, residual_vector, solve
+from ffsi.reference.solve import solve
 from ffsi.reference.system import System
 
 MU, LAMBDA = 30.0, 60.0
@@ -190,21 +191,10 @@ def test_terms_of_the_momentum_are_both_stresses(solid):
     assert equation.terms.keys() == {"gravity", "stress in region 2", "pressure in region 2"}
 
 
-def test_both_jacobians_agree_and_are_the_derivative_of_the_residual(solid):
+def test_jacobian_is_the_derivative_of_the_residual(solid):
     solids = {2: Solid(2.0, StVenantKirchhoff(60.0, 30.0)), 3: solid}
     system = System.build(roof_problem(solids=solids), roof_mesh(4))
-    state = random_state(system, 7)
-    exact, differences = (jacobian(system, state, method) for method in ("complex-step", "divided-difference"))
-    np.testing.assert_allclose(differences.toarray(), exact.toarray(), rtol=0, atol=1e-6 * np.abs(exact.data).max())
-    changes = random_state(system, 8)
-    direction = np.concatenate([changes.u.ravel(), changes.v.ravel(), changes.p, changes.ps.ravel()])
-
-    def moved(t):
-        new = RawState(state.u + t * changes.u, state.v, state.p, state.ps + t * changes.ps)
-        return residual_vector(system, new, compute_residual(system, new))
-
-    expected = (moved(1e-4) - moved(-1e-4)) / 2e-4
-    np.testing.assert_allclose(exact @ direction, expected, rtol=0, atol=1e-6 * np.abs(expected).max())
+    assert_jacobian_is_the_derivative(system, random_state(system, 7), random_state(system, 8))
 
 
 def test_mixed_solids_converge_quadratically(solid):

@@ -12,6 +12,7 @@ from test_reference_cases import (
     cantilever_problem,
     channel_mesh,
     channel_problem,
+    check_state,
     flap_mesh,
     flap_problem,
     state_of,
@@ -20,7 +21,7 @@ from test_reference_check import CHANGES, failing, scene_mesh, solved
 from test_reference_step_runs import rewrite, run, solved_run  # noqa: F401
 
 from ffsi.files.arrays import write_mesh, write_state
-from ffsi.reference.check import check_run, check_state
+from ffsi.reference.check import check_run
 from ffsi.reference.forces import compute_forces
 from ffsi.reference.from_scene import problem_from_scene
 from ffsi.reference.problem import Boundary

@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from structured import structured_mesh
 from test_reference_cases import (
     HEIGHT,
     LENGTH,
@@ -26,7 +27,6 @@ from test_reference_cases import (
 from ffsi.reference.conditions import Inflow, Outlet
 from ffsi.reference.problem import Boundary, Fluid, MeshMotion
 from ffsi.reference.residual import compute_residual
-from ffsi.reference.structured import structured_mesh
 from ffsi.reference.system import System
 from ffsi.reference.viscosity import Newtonian
 

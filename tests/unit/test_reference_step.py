@@ -12,6 +12,7 @@ from test_reference_cases import (
     cantilever_problem,
     channel_mesh,
     channel_problem,
+    check_step,
     flap_mesh,
     flap_problem,
     flow_in,
@@ -22,11 +23,9 @@ from test_reference_cases import (
 from test_reference_check import copy, failing, largest
 
 from ffsi.reference import momentum, terms
-from ffsi.reference.check import check_step
 from ffsi.reference.forces import compute_forces
-from ffsi.reference.outlet import at_outlet
 from ffsi.reference.problem import Boundary, Fluid
-from ffsi.reference.quantities import energies, recompute
+from ffsi.reference.quantities import at_outlet, energies, recompute
 from ffsi.reference.residual import compute_residual
 from ffsi.reference.solve import solve, solve_step
 from ffsi.reference.step import Step

@@ -9,10 +9,10 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from structured import structured_mesh
 
 from ffsi.reference.from_scene import problem_from_scene
 from ffsi.reference.solve import solve
-from ffsi.reference.structured import structured_mesh
 from ffsi.reference.system import System
 from ffsi.scene import load_scene, with_values
 from studies.verification import steady
