@@ -21,9 +21,8 @@ _NEVER_ABSENT = ("case", "status", "point", "steps", "points", "old", "new", "pa
 
 def read_table(path: Path) -> dict[str, Any]:
     """Read a JSON object of a run folder; raises InputError and OSError as `refuse_other_types` and `read_json`."""
-    data = read_json(path)
+    data: dict[str, Any] = read_json(path)
     refuse_other_types(path, data)
-    assert isinstance(data, dict)
     return data
 
 

@@ -86,21 +86,17 @@ def wall_points(mesh: RawMesh, labels: Collection[int]) -> WallPoints:
 def _chains(start: Ints, end: Ints) -> tuple[Ints, Ints]:
     """Return the order in which edges follow each other, and the number of the connected line of each."""
     following = dict(zip(start.tolist(), range(len(start)), strict=True))
-    ends = set(end.tolist())
-    heads = [edge for edge in range(len(start)) if start[edge] not in ends]
-    sequence: list[int] = []
-    chain: list[int] = []
-    rest = set(range(len(start)))
-    number = 0
+    heads = np.flatnonzero(~np.isin(start, end)).tolist()
+    found: dict[int, int] = {}  # the chain of each edge, in the order of the walls
+    rest, number = set(range(len(start))), 0
     while rest:
         edge: int | None = heads.pop(0) if heads else min(rest)
         while edge is not None and edge in rest:
             rest.remove(edge)
-            sequence.append(edge)
-            chain.append(number)
+            found[edge] = number
             edge = following.get(int(end[edge]))
         number += 1
-    return np.array(sequence, dtype=np.int64), np.array(chain, dtype=np.int64)
+    return np.array([*found], dtype=np.int64), np.array([*found.values()], dtype=np.int64)
 
 
 def wall_shear_stress(points: WallPoints, state: RawState, fluid: IncompressibleFluid) -> Floats:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ffsi.files import folder
 from ffsi.files.arrays import Floats, Ints, RawMesh, RawState, read_mesh, read_state
 from ffsi.files.cycles import read_cycles
 from ffsi.files.json_types import read_table
@@ -27,9 +28,6 @@ from ffsi.scene import Scene
 TOLERANCE = 1e-8
 Shown = Callable[[Scene, RawMesh, RawState], tuple[Ints, Floats]]
 """What is shown to people of the stress on the walls: nodes in the middle of their edges, and (n, 2) Pa there."""
-STEPS = "steps.csv"
-HISTORY = "history.csv"
-POINT = "point-0001.bin"
 QUANTITIES, STEP_ERROR = "quantities_difference", "step_error"
 _SAME = 1e-9
 # Residuals of an ordinary step that say nothing: large, where a solid is stiff. The others are linear, and exact.
@@ -115,20 +113,20 @@ def check_run(
 
     The scene must carry the values that the run really used. A scene in time has ``steps.csv`` beside its only point,
     which lists the steps to be checked with the files of both their states; an ordinary step, which was not solved to
-    round-off, has its ``tolerance``. ``history.csv`` has a row for every step, where
-    the outlet has a pressure with it and the flow rate out; ``wall-*.bin`` are sums over cycles. Every quantity of the
-    point's JSON, and in time of the rows of the checked steps, is recomputed, and the wall shear stress of a state
-    compared with that which is ``shown`` to people. Raises ``ValueError`` where the parameters in the point's JSON, or
-    a step, are none of the scene's, no step is listed, the history has a gap, the point's state is not that of the
-    last step or a file does not fit, and ``OSError`` if one is missing.
+    round-off, has its ``tolerance``. ``history.csv`` has a row for every step, where the outlet has a pressure with it
+    and the flow rate out; ``wall-*.bin`` are sums over cycles. Every quantity of the point's JSON, and in time of the
+    rows of the checked steps, is recomputed, and the wall shear stress of a state compared with that which is ``shown``
+    to people. Raises ``ValueError`` where the parameters in the point's JSON, or a step, are none of the scene's, no
+    step is listed, the history has a gap, the point's state is not that of the last step or a file does not fit, and
+    ``OSError`` if one is missing.
     """
     directory = Path(directory)
-    outcome = read_table(directory / f"point-{point:04d}.json")
+    outcome = read_table(directory / folder.numbered(folder.POINT, point))
     refuse_other_parameters(scene, outcome.get("parameters", {}))
-    mesh = read_mesh(directory / "mesh.bin")
+    mesh = read_mesh(directory / folder.MESH)
     if scene.time is not None:
         return _report(_examine_steps(directory, scene, mesh, outcome.get("quantities", {}), shown), tolerance)
-    state = read_state(directory / f"point-{point:04d}.bin", mesh)
+    state = read_state(directory / folder.numbered(folder.STATE, point), mesh)
     system = System.build(problem_from_scene(scene), mesh)
     found = _examine(system, state, outcome.get("quantities", {}), whole=True)
     if (shear := wall_shear(system, state)) is not None and shown is not None:
@@ -193,9 +191,9 @@ def _examine_steps(
     """Examine every step that the run folder lists; ``last`` are the quantities reported of the last one."""
     entries = read_steps(directory)
     if not entries:
-        raise ValueError(f"{directory / STEPS}: no step is listed")
+        raise ValueError(f"{directory / folder.STEPS}: no step is listed")
     system = System.build(problem_from_scene(scene), mesh)
-    history = History.read(directory / HISTORY)
+    history = History.read(directory / folder.TIME_HISTORY)
     outlet = system.problem.outlet
     stored = [0.0] * (len(history) + 1)
     if outlet is not None and outlet.presses:
@@ -216,7 +214,7 @@ def _examine_steps(
         accepted = scene.solver.step_tolerance or 0.0
         if not 0.0 <= entry.tolerance <= accepted * (1.0 + _SAME):
             text = f"step {number} was solved to {entry.tolerance!r}, solver.step_tolerance is {accepted!r}"
-            raise ValueError(f"{directory / STEPS}: {text}")
+            raise ValueError(f"{directory / folder.STEPS}: {text}")
         if entry.tolerance > 0.0:
             for name in _INEXACT & found[-1].numbers.keys():
                 del found[-1].numbers[name]
@@ -231,11 +229,12 @@ def _examine_steps(
         if cycles and shear is not None and (start := wall_shear(system, before)) is not None:
             passages.append(Passage(step.start, step.time, start, shear))
     if entry.tolerance > 0.0:
-        raise ValueError(f"{directory / STEPS}: the last step, {number}, was not solved to round-off")
+        raise ValueError(f"{directory / folder.STEPS}: the last step, {number}, was not solved to round-off")
     if number != len(history):
         raise ValueError(f"{history.path}: {len(history)} rows, but the last step is {number}")
-    if not all(map(np.array_equal, after.fields, read_state(directory / POINT, mesh).fields)):
-        raise ValueError(f"{directory / POINT}: not the state at the end of the last step, {entry.new}")
+    point = directory / folder.numbered(folder.STATE, 1)
+    if not all(map(np.array_equal, after.fields, read_state(point, mesh).fields)):
+        raise ValueError(f"{point}: not the state at the end of the last step, {entry.new}")
     found[-1].compare(last, found[-1].quantities, found[-1].quantities.keys() - set(WINDKESSEL))
     for cycle in cycles:
         difference = largest([cycle_difference(cycle, passages), found[-1].numbers.get("wall_difference", 0.0)])

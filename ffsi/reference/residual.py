@@ -15,7 +15,6 @@ from ffsi.reference.problem import MeshMotion
 from ffsi.reference.relative import largest, norm, relative
 from ffsi.reference.sizes import (
     ROUNDING,
-    Idle,
     flux_sizes,
     idle,
     largest_on,
@@ -23,7 +22,7 @@ from ffsi.reference.sizes import (
     reference_pressure,
     spread,
 )
-from ffsi.reference.system import FluidPart, Mask, SolidPart, System
+from ffsi.reference.system import FluidPart, Mask, System
 
 OUTLET = "outlet pressure"
 
@@ -111,14 +110,18 @@ def compute_residual(system: System, state: RawState) -> Residual:
         local = momentum.fluid_momentum(system, system.fluid, state.u[nodes], state.v[nodes], flow)
         total = _scattered(local, nodes, system.mesh.n_p2)
         force = np.sum(list(total.values()), axis=0)
-        rest = idle(system, system.fluid, state)
-        magnitude += spread(rest.force, system.fluid.elements, len(state.u))
-        equations["continuity"] = _continuity(system, system.fluid, flow, state, rest)
+        rest_speed, rest_force = idle(system, system.fluid, state)
+        magnitude += spread(rest_force, system.fluid.elements, len(state.u))
+        equations["continuity"] = _continuity(system, system.fluid, flow, state, rest_speed)
         if system.fluid.motion is not None:
             equations["mesh_motion"] = _mesh_motion(system, system.fluid, system.fluid.motion, state)
     for region, solid in system.solids.items():
-        jacobians.append(_smallest_jacobian(solid, state))
-        for name, term in _solid_momentum(system, solid, state).items():
+        nodes = solid.elements.nodes
+        gradient = terms.gradient_of(state.u[nodes], solid.elements.gradients)
+        jacobians.append(determinant(IDENTITY + gradient).min())
+        p = momentum.solid_pressure(solid, state)
+        local = momentum.solid_momentum(system, solid, state.u[nodes], state.v[nodes], p)
+        for name, term in _scattered(local, nodes, system.mesh.n_p2).items():
             if name in ("gravity", "inertia"):  # one term each, fluid and solids together
                 total[name] = total.get(name, 0.0) + term
             else:
@@ -196,13 +199,13 @@ def _outlet(system: System, fluid: FluidPart, outlet: Outlet, state: RawState) -
     return _scattered(local, sides.nodes, system.mesh.n_p2)
 
 
-def _continuity(system: System, fluid: FluidPart, flow: terms.Flow, state: RawState, rest: Idle) -> Equation:
+def _continuity(system: System, fluid: FluidPart, flow: terms.Flow, state: RawState, rest: Floats) -> Equation:
     elements, nv = fluid.elements, len(system.mesh.vertices)
     local = terms.continuity(elements, flow)
     assembled = _scattered(local, elements.vertices, nv)
     if (exact := system.problem.manufactured) is not None and exact.mass is not None:
         assembled["source"] = exact.mass(system)
-    speed = ROUNDING * largest_on(state.v, elements) + rest.speed
+    speed = ROUNDING * largest_on(state.v, elements) + rest
     return Equation(assembled, system.rows.continuity, flux_sizes(speed, elements, nv))
 
 
@@ -212,14 +215,6 @@ def _mesh_motion(system: System, fluid: FluidPart, motion: MeshMotion, state: Ra
     assembled = _scattered(local, elements.nodes, n2)
     magnitude = ROUNDING * spread(fluid.alpha * largest_on(state.u, elements), elements, n2)
     return Equation(assembled, system.rows.mesh_motion, magnitude)
-
-
-def _solid_momentum(system: System, solid: SolidPart, state: RawState) -> dict[str, Floats]:
-    nodes = solid.elements.nodes
-    local = momentum.solid_momentum(
-        system, solid, state.u[nodes], state.v[nodes], momentum.solid_pressure(solid, state)
-    )
-    return _scattered(local, nodes, system.mesh.n_p2)
 
 
 def _traction(system: System) -> Floats:
@@ -244,18 +239,13 @@ def _incompressibility(system: System, state: RawState) -> Equation:
     return Equation(assembled, system.rows.incompressibility.ravel(), magnitude)
 
 
-def _smallest_jacobian(solid: SolidPart, state: RawState) -> float:
-    gradient = terms.gradient_of(state.u[solid.elements.nodes], solid.elements.gradients)
-    return float(determinant(IDENTITY + gradient).min())
-
-
 def _kinematics(system: System, state: RawState) -> float | None:
     if not system.solids or (system.fluid is None and system.increment is None):
         return None
     nodes = np.unique(np.concatenate([solid.elements.nodes.ravel() for solid in system.solids.values()]))
     scale = float(np.hypot(*state.v.T).max())
     if system.fluid is not None:
-        scale += largest(idle(system, system.fluid, state).speed)
+        scale += largest(idle(system, system.fluid, state)[0])
     if (increment := system.increment) is not None:
         # In steady systems all nodes: the values that a boundary prescribes are zero too.
         nodes = nodes[system.rows.kinematics[nodes]]

@@ -3,8 +3,6 @@
 Every size follows from the problem and the state, in their units.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from ffsi.files.arrays import Floats, RawState
@@ -23,23 +21,15 @@ _UNBALANCED = 1e-4
 _PASSING = 1e-10
 
 
-@dataclass(frozen=True)
-class Idle:
-    """A fluid into which nothing comes has no velocity of its own: scales of what rounding drives in its triangles.
+def idle(system: System, fluid: FluidPart, state: RawState) -> tuple[Floats, Floats]:
+    """Return scales of what rounding drives in a fluid's triangles: speed (n,) m/s and force (n,) N per metre depth.
 
-    ``speed`` (n,) m/s and ``force`` (n,) N per metre depth, by triangle; both zero where something comes in.
+    A fluid into which nothing comes has no velocity of its own; both are zero where something comes in.
     """
-
-    speed: Floats
-    force: Floats
-
-
-def idle(system: System, fluid: FluidPart, state: RawState) -> Idle:
-    """Return the scales of a fluid at rest."""
     elements, rows = fluid.elements, system.rows
     prescribed = float(np.abs(rows.prescribed.v[rows.v_given]).max(initial=0.0))
     if prescribed > _PASSING * abs(system.problem.mean_velocity or 0.0):
-        return Idle(np.zeros(len(elements)), np.zeros(len(elements)))
+        return np.zeros(len(elements)), np.zeros(len(elements))
     width = np.sqrt(elements.area)
     wet = state.p[np.unique(elements.vertices)]
     loads = [float((_solid(solid, state) / np.sqrt(solid.elements.area)).max()) for solid in system.solids.values()]
@@ -48,7 +38,7 @@ def idle(system: System, fluid: FluidPart, state: RawState) -> Idle:
     if (increment := system.increment) is not None:
         resistance = resistance + fluid.law.density * elements.area / increment.step.k
     driven = pressure + _UNBALANCED * float(np.abs(wet - reference_pressure(fluid, state)).max())
-    return Idle(driven * width / resistance, pressure * width)
+    return driven * width / resistance, pressure * width
 
 
 def reference_pressure(fluid: FluidPart, state: RawState) -> float:
