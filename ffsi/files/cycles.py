@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from ffsi.files import folder
 from ffsi.files.arrays import Floats, Ints, RawFileError, read_arrays
@@ -42,13 +41,17 @@ class WallCycle:
 
     @property
     def osi(self) -> Floats:
-        """Oscillatory shear index, (n,), 0 to 1/2."""
-        return oscillatory_shear_index(np.hypot(*self.integral.T), self.magnitude)
+        """Oscillatory shear index (1 - |int tau dt| / int |tau| dt) / 2, (n,), 0 to 1/2; 0 where nothing ever flows."""
+        vector, size = np.hypot(*self.integral.T), self.magnitude
+        ratio = np.divide(vector, size, out=np.ones_like(size), where=size != 0)
+        # Of one rounding above 1 where the direction never changes.
+        return np.asarray(0.5 * (1.0 - np.minimum(ratio, 1.0)))
 
     @property
     def rrt(self) -> Floats:
         """Relative residence time 1/((1 - 2 OSI) TAWSS), (n,) 1/Pa; infinite where the mean of tau is zero."""
-        return relative_residence_time(self.tawss, self.osi)
+        with np.errstate(divide="ignore"):
+            return np.asarray(1.0 / ((1.0 - 2.0 * self.osi) * self.tawss))
 
     def at(self, nodes: Ints) -> WallCycle:
         """Return the same in the order of some nodes of the same mesh.
@@ -62,20 +65,6 @@ class WallCycle:
             raise InputError("the sums of the wall shear stress belong to another mesh")
         sums = {name: getattr(self, name)[place] for name in ("integral", "magnitude", "peak")}
         return replace(self, node=nodes, **sums)
-
-
-def oscillatory_shear_index(integral: ArrayLike, magnitude: ArrayLike) -> Floats:
-    """Return OSI = (1 - |int tau dt| / int |tau| dt) / 2, (n,), of both integrals (n,) Pa s; 0 where nothing flows."""
-    vector, size = np.asarray(integral, dtype=float), np.asarray(magnitude, dtype=float)
-    ratio = np.divide(vector, size, out=np.ones_like(size), where=size != 0)
-    # Of one rounding above 1 where the direction never changes.
-    return np.asarray(0.5 * (1.0 - np.minimum(ratio, 1.0)))
-
-
-def relative_residence_time(tawss: ArrayLike, osi: ArrayLike) -> Floats:
-    """Return RRT = 1 / ((1 - 2 OSI) TAWSS), (n,) 1/Pa, of TAWSS in Pa; infinite where its denominator is zero."""
-    with np.errstate(divide="ignore"):
-        return np.asarray(1.0 / ((1.0 - 2.0 * np.asarray(osi, dtype=float)) * np.asarray(tawss, dtype=float)))
 
 
 def read_cycle(path: Path) -> WallCycle:

@@ -13,7 +13,7 @@ from ffsi.files.arrays import Floats, Ints, RawState
 from ffsi.files.cycles import WallCycle
 from ffsi.reference.forces import side_flow
 from ffsi.reference.relative import largest, relative
-from ffsi.reference.system import FluidPart, Sides, System
+from ffsi.reference.system import System
 
 _SAME = 1e-9
 
@@ -46,14 +46,12 @@ def wall_shear(system: System, state: RawState) -> WallShear | None:
         return None
     labels = [*system.problem.labels("no-slip"), *system.problem.labels("interface")]
     sides = system.fluid.sides.select(np.isin(system.fluid.sides.label, labels))
-    return _wall_shear(system.fluid, sides, state) if len(sides.nodes) else None
-
-
-def _wall_shear(fluid: FluidPart, sides: Sides, state: RawState) -> WallShear:
-    flow = side_flow(fluid, sides, state, np.array([0.5]))
+    if not len(sides.nodes):
+        return None
+    flow = side_flow(system.fluid, sides, state, np.array([0.5]))
     outward = np.einsum("nqij,nj->nqi", flow.cofactor, sides.normal)
     normal = -outward / np.linalg.norm(outward, axis=-1, keepdims=True)
-    viscosity = flow.viscosity(fluid.law.viscosity)[..., None]
+    viscosity = flow.viscosity(system.fluid.law.viscosity)[..., None]
     traction = viscosity * np.einsum("nqij,nqj->nqi", flow.doubled_deformation_rate, normal)
     across = np.einsum("nqi,nqi->nq", traction, normal)[..., None] * normal
     return WallShear(sides.nodes[:, 2], (traction - across)[:, 0])

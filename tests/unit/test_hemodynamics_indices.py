@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ffsi.files.arrays import write_arrays
-from ffsi.files.cycles import WallCycle, oscillatory_shear_index, read_cycle, read_cycles, relative_residence_time
+from ffsi.files.cycles import WallCycle, read_cycle, read_cycles
 from ffsi.files.errors import InputError
 from ffsi.hemodynamics.cycles import change
 from ffsi.hemodynamics.walls import wall_points
@@ -20,6 +20,12 @@ def cycle_of(tau: np.ndarray, times: np.ndarray) -> WallCycle:
     return WallCycle(
         1, times[0], times[-1], np.array([0]), integral[None], np.array([magnitude]), np.array([size.max()])
     )
+
+
+def of_sums(integral: list[float], magnitude: list[float]) -> WallCycle:
+    """A second of a stress along x."""
+    vector = np.column_stack([integral, np.zeros(2)])
+    return WallCycle(1, 0.0, 1.0, np.arange(2), vector, np.array(magnitude), np.ones(2))
 
 
 TIMES = np.linspace(0.0, 0.8, 4001)
@@ -63,12 +69,12 @@ def test_a_stress_that_turns_around() -> None:
 
 def test_bounds() -> None:
     # The ratio is above 1 by rounding; nothing ever flows at the second point.
-    assert oscillatory_shear_index([1.0 + 1e-15, 0.0], [1.0, 0.0]).tolist() == [0.0, 0.0]
-    assert relative_residence_time([0.0, 2.0], [0.0, 0.25]).tolist() == [np.inf, 1.0]
+    assert of_sums([1.0 + 1e-15, 0.0], [1.0, 0.0]).osi.tolist() == [0.0, 0.0]
+    assert of_sums([0.0, 1.0], [0.0, 2.0]).rrt.tolist() == [np.inf, 1.0]
 
 
 def test_what_is_no_number_gives_none() -> None:
-    assert np.isnan(oscillatory_shear_index(np.array([0.1, np.nan]), np.array([np.nan, 1.0]))).all()
+    assert np.isnan(of_sums([0.1, np.nan], [np.nan, 1.0]).osi).all()
     assert np.isnan(change(np.array([1.0, 1.0]), np.array([np.nan, 1.0]), np.ones(2)))
 
 
