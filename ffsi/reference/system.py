@@ -111,7 +111,11 @@ class System:
         if (found := set(np.unique(mesh.region).tolist())) != regions:
             raise ValueError(f"{problem.name}: the mesh has the regions {sorted(found)}, expected {sorted(regions)}")
         _check_labels(problem, mesh)
-        fluid = _fluid_part(problem.fluid, problem, mesh) if problem.fluid else None
+        fluid = None
+        if problem.fluid:
+            elements, motion = _elements(mesh, FLUID_REGION), problem.mesh_motion if problem.solids else None
+            alpha = _mesh_stiffness(motion, problem, mesh, elements) if motion else np.ones(len(elements))
+            fluid = FluidPart(problem.fluid, elements, outline(mesh, FLUID_REGION), motion, alpha)
         pressures = {region: row for row, region in enumerate(problem.mixed_regions)}
         solids = {
             region: SolidPart(law, _elements(mesh, region), pressures.get(region))
@@ -148,13 +152,6 @@ def _check_labels(problem: Problem, mesh: RawMesh) -> None:
     interface = mesh.edge_keys[np.isin(mesh.label, problem.labels("interface"))]
     if (bare := np.setdiff1d(wet, interface)).size:
         raise ValueError(f"{problem.name}: {bare.size} edges between fluid and solid are no interface of the problem")
-
-
-def _fluid_part(law: Fluid, problem: Problem, mesh: RawMesh) -> FluidPart:
-    elements = _elements(mesh, FLUID_REGION)
-    motion = problem.mesh_motion if problem.solids else None
-    alpha = _mesh_stiffness(motion, problem, mesh, elements) if motion else np.ones(len(elements))
-    return FluidPart(law, elements, outline(mesh, FLUID_REGION), motion, alpha)
 
 
 def _mesh_stiffness(motion: MeshMotion, problem: Problem, mesh: RawMesh, elements: Elements) -> Floats:
@@ -232,9 +229,9 @@ def _conditions(problem: Problem, mesh: RawMesh, time: float | None) -> tuple[Ma
 
     A no-slip or clamped boundary wins over an inlet at a common node.
     """
-    n2 = mesh.n_p2
-    held_u, held_v = np.zeros(n2, dtype=np.bool_), np.zeros(n2, dtype=np.bool_)
-    u, v = np.zeros((n2, 2)), np.zeros((n2, 2))
+    n2, nv = mesh.n_p2, len(mesh.vertices)
+    held_u, held_v = np.zeros((2, n2), dtype=np.bool_)
+    u, v = np.zeros((2, n2, 2))
     for boundary in sorted(problem.boundaries, key=lambda item: item.role != "inlet"):
         nodes = mesh.edge_nodes[mesh.label == boundary.label]
         if boundary.role in ("inlet", "outlet", "no-slip", "clamped"):
@@ -251,7 +248,6 @@ def _conditions(problem: Problem, mesh: RawMesh, time: float | None) -> tuple[Ma
         where = held_u if problem.solids else np.ones_like(held_u)
         u[where] = exact.displacement(mesh.p2_coordinates[where], time or 0.0)
         v[held_v] = exact.velocity(mesh.p2_coordinates[held_v], time or 0.0)
-    nv = len(mesh.vertices)
     return held_u, held_v, RawState(u, v, np.zeros(nv), np.zeros((len(problem.mixed_regions), nv)))
 
 

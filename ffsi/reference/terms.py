@@ -28,8 +28,7 @@ from ffsi.reference.step import Step
 from ffsi.reference.viscosity import Viscosity
 
 Vector = tuple[float, float]
-# Of sides, whose nodes are their ends and their middle: three Gauss points are exact for the integrands here, of degree
-# 5 at most, unless a kink is in them.
+# Of sides, whose nodes are their ends and their middle; three Gauss points are exact to degree 5.
 _POINTS, _WEIGHTS = gauss_rule(3)
 _VALUES, _SLOPES = line_basis(_POINTS)
 
@@ -140,13 +139,13 @@ def fluid_step(
     convection = step.mean(
         *(np.einsum("tqij,tqj->tqi", flow.transport, flow.velocity - mesh_velocity) for flow in (new, old))
     )
-    densities = {
-        "inertia": jacobian * step.rate(new.velocity, old.velocity),
-        "convection": convection,
-        "gravity": -jacobian * np.array(gravity),
-    }
-    return {name: against_value(fluid.density * density, elements) for name, density in densities.items()} | {
-        name: against_gradient(flux, elements) for name, flux in step_fluxes(fluid, step, new, old).items()
+    fluxes = step_fluxes(fluid, step, new, old)
+    return {
+        "inertia": against_value(fluid.density * jacobian * step.rate(new.velocity, old.velocity), elements),
+        "convection": against_value(fluid.density * convection, elements),
+        "pressure": against_gradient(fluxes["pressure"], elements),
+        "viscosity": against_gradient(fluxes["viscosity"], elements),
+        "gravity": against_value(-fluid.density * jacobian * np.array(gravity), elements),
     }
 
 
