@@ -54,11 +54,7 @@ class WallCycle:
             return np.asarray(1.0 / ((1.0 - 2.0 * self.osi) * self.tawss))
 
     def at(self, nodes: Ints) -> WallCycle:
-        """Return the same in the order of some nodes of the same mesh.
-
-        Raises:
-            InputError: a node is none of the cycle's.
-        """
+        """Return the same in the order of some nodes of the mesh; raises InputError if one is none of the cycle's."""
         order = np.argsort(self.node)
         place = order[np.minimum(np.searchsorted(self.node, nodes, sorter=order), len(order) - 1)]
         if not np.array_equal(self.node[place], nodes):
@@ -68,11 +64,7 @@ class WallCycle:
 
 
 def read_cycle(path: Path) -> WallCycle:
-    """Read `wall-0003.bin` (docs/formats.md).
-
-    Raises:
-        InputError: the file is missing, cut off or of another version.
-    """
+    """Read `wall-0003.bin` (docs/formats.md); raises InputError if it is missing, cut off or of another version."""
     try:
         head, times, node, x, y, magnitude, peak = read_arrays(path, (int, float, int, float, float, float, float))
     except (OSError, RawFileError) as error:

@@ -88,12 +88,10 @@ def missing(directory: Path) -> str:
 
 
 def check_usable(directory: Path) -> None:
-    """Refuse a folder that a run must not write into; writes nothing.
+    """Raise InputError for a folder that a run must not write into; writes nothing.
 
-    Raises:
-        InputError: `directory` is a file, a sweep, a non-empty folder that is no run folder of ours, one that nobody
-            may write into, or has a name that is too long; or one of the files there is a link, through which something
-            else would be overwritten.
+    That is a file, a sweep, a non-empty folder that is no run folder of ours, one that nobody may write into or with
+    too long a name, and one with a file that is a link, through which something else would be overwritten.
     """
     check_writable(directory)
     if not directory.exists():
