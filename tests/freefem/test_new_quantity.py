@@ -32,7 +32,7 @@ def test_it_is_reported_and_checked(copy):
     (label,) = [side.label for side in boundaries(load_scene("flap-svk")) if side.role == "interface"]
     wet = mesh.edges[mesh.label == label]
     assert state.p[wet].min() < found < state.p[wet].max()
-    assert ffsi(copy, "check", str(folder)).returncode == 0
+    assert ffsi(copy, ["check", str(folder)]).returncode == 0
 
 
 def test_a_rigid_scene_has_none(copy):
