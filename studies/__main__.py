@@ -24,10 +24,6 @@ app = typer.Typer(
 )
 
 
-def _flag(name: str, text: str) -> Any:
-    return typer.Option(f"--{name}", help=text)
-
-
 def _option(name: str, text: str, kind: str | None = None, default: bool | str = False, **more: Any) -> Any:
     return typer.Option(f"--{name}", help=text, metavar=kind, show_default=default, **more)
 
@@ -55,7 +51,7 @@ BENCH: Kinds = {
     "--unsteady": ("bench.unsteady", "main", ("repeat", "runs", "out", "readme")),
 }
 PAPER: Kinds = {
-    "": ("paper.study", "main", ("jobs", "out", "runs")),
+    "": ("paper.flap", "main", ("jobs", "out", "runs")),
     "--aneurysm": ("paper.aneurysm", "main", ("out", "runs")),
 }
 
@@ -63,14 +59,14 @@ PAPER: Kinds = {
 @app.command()
 def verify(
     unsteady: Annotated[
-        bool, _flag("unsteady", "The cases in time instead, two meshes and time steps each (takes hours).")
+        bool, _option("unsteady", "The cases in time instead, two meshes and time steps each (takes hours).")
     ] = False,
-    long: Annotated[bool, _flag("long", "FSI2 and FSI3 over many periods instead (takes an hour or so).")] = False,
+    long: Annotated[bool, _option("long", "FSI2 and FSI3 over many periods instead (takes an hour or so).")] = False,
     blood: Annotated[
-        bool, _flag("blood", "The flow of blood in channels and the aneurysm instead (takes minutes).")
+        bool, _option("blood", "The flow of blood in channels and the aneurysm instead (takes minutes).")
     ] = False,
     hard: Annotated[
-        bool, _flag("hard", "Scenes that must be solved rightly or refused with the cause (takes hours).")
+        bool, _option("hard", "Scenes that must be solved rightly or refused with the cause (takes hours).")
     ] = False,
     jobs: Jobs = None,
     only: Annotated[str | None, _option("only", "With --hard: names such as h-*.", "GLOB,...", "all")] = None,
@@ -90,12 +86,12 @@ def verify(
 @app.command()
 def bench(
     scenes: Annotated[
-        bool, _flag("scenes", "Cost ratios of every steady scene near 30 000 unknowns instead, and formulations.")
+        bool, _option("scenes", "Cost ratios of every steady scene near 30 000 unknowns instead, and formulations.")
     ] = False,
     mesh_motion: Annotated[
-        bool, _flag("mesh-motion", "How far each mesh motion carries the flap instead, and its cost.")
+        bool, _option("mesh-motion", "How far each mesh motion carries the flap instead, and its cost.")
     ] = False,
-    unsteady: Annotated[bool, _flag("unsteady", "What a time step costs instead (takes minutes).")] = False,
+    unsteady: Annotated[bool, _option("unsteady", "What a time step costs instead (takes minutes).")] = False,
     repeat: Repeat = None,
     runs: Runs = None,
     out: Out = None,
@@ -112,7 +108,7 @@ def bench(
 @app.command()
 def paper(
     aneurysm: Annotated[
-        bool, _flag("aneurysm", "Section 5.4 instead: the aneurysm, figures 15 to 18 (minutes).")
+        bool, _option("aneurysm", "Section 5.4 instead: the aneurysm, figures 15 to 18 (minutes).")
     ] = False,
     jobs: Jobs = None,
     out: Annotated[Path, _option("out", "Write CSV, PNG, Markdown there.", "DIR", True)] = Path("results/paper"),

@@ -1,4 +1,4 @@
-"""Tables of text for a terminal and for Markdown: their columns as data, and how numbers stand in them."""
+"""Tables of text for a terminal and for Markdown, their columns as data; how numbers stand in them; curves."""
 
 from __future__ import annotations
 
@@ -8,9 +8,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.ticker import LogLocator, NullFormatter
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
+
+from ffsi.result.pictures import FAINT, INK
 
 NOTHING = "–"
 
@@ -37,12 +41,14 @@ class Column:
 
 
 def columns(text: str) -> list[Column]:
-    """Return columns from a text such as `level | u_x in m = tip_ux :.5g | error :%`: heading, key, format."""
+    """Return columns from a text such as `level | u_x in m = tip_ux :.5g | error :% < 0.01`: head, key, form, bound."""
     found = []
     for item in text.split("|"):
         name, _, form = item.partition(" :")
+        form, _, bound = form.strip().partition(" < ")
         head, _, key = name.strip().partition(" = ")
-        found.append(Column(head, key or head, form.strip() if form.strip() == "%" else f"{{:{form.strip()}}}"))
+        form = form if form == "%" else f"{{:{form}}}"
+        found.append(bounded(head, key or head, float(bound), form) if bound else Column(head, key or head, form))
     return found
 
 
@@ -103,3 +109,24 @@ def unsigned(difference: float) -> str:
 def number(value: Any, form: str = "{:.1f}") -> str:
     """Return a formatted number, or a dash if there is none."""
     return NOTHING if value is None or pd.isna(value) else form.format(value)
+
+
+def dress(axes: Axes, which: str = "major", width: float = 0.7) -> None:
+    """Draw a faint grid behind the curves, and two sides of the frame."""
+    axes.grid(True, which=which, color="#e3e6ea", linewidth=width)  # type: ignore[arg-type]
+    axes.set_axisbelow(True)
+    axes.tick_params(colors=INK, labelsize=9, width=0.6)
+    for side, spine in axes.spines.items():
+        spine.set_visible(side in ("left", "bottom"))
+        spine.set_color(FAINT)
+
+
+def over_seconds(axes: Axes) -> None:
+    """Name the script's seconds along x; where there are curves, both axes are logarithmic."""
+    axes.set_xlabel("seconds of the FreeFEM script, one thread", color=INK)
+    if axes.lines:
+        axes.set_xscale("log")
+        axes.set_yscale("log")
+        axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        axes.xaxis.set_major_formatter("{x:g}")
+        axes.xaxis.set_minor_formatter(NullFormatter())

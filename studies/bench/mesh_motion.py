@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -17,10 +18,8 @@ from ffsi.report.tables import label
 from ffsi.result.pictures import INK, to_small_png
 from ffsi.run.chain import run_chain
 from ffsi.scene import load_scene
-from studies.harness import Study
-from studies.pictures import dress
-from studies.runs import multiples
-from studies.tables import Column, TextTable, columns, markdown, number, table
+from studies.harness import Study, multiples
+from studies.tables import Column, TextTable, columns, dress, markdown, number, table
 
 BLOCK = "mesh-motion"
 CSV, MARKDOWN, PICTURE = "mesh-motion.csv", "mesh-motion.md", "mesh-motion.png"
@@ -39,14 +38,9 @@ class Motion(NamedTuple):
     divergence_weight: float
 
     @property
-    def values(self) -> dict[str, Any]:
-        """The values of `MeshMotion`."""
-        return {key: value for key, value in self._asdict().items() if key != "name"}
-
-    @property
     def settings(self) -> list[str]:
         """The values as KEY=VALUE of a scene."""
-        return [f"mesh_motion.{key}={value}" for key, value in self.values.items()]
+        return [f"mesh_motion.{key}={value}" for key, value in self._asdict().items() if key != "name"]
 
 
 class Sweep(NamedTuple):
@@ -57,6 +51,8 @@ class Sweep(NamedTuple):
     velocities: tuple[float, ...]
 
 
+COLOURS = {"harmonic": LINES[0], "linear-elastic": LINES[2], "hyperelastic": LINES[1]}
+STYLES = ((("o", ":"), ("s", "-")), (("D", "-."), ("^", "--")))  # marker and line, by distance and by size
 MOTIONS = (
     Motion("harmonic, constant", "harmonic", 0, 0, 0),
     Motion("harmonic, size", "harmonic", 1, 0, 1),
@@ -97,31 +93,21 @@ class Track:
         return {velocity: data for velocity, data in pairs if data["failure"] in ("", "check")}
 
     @property
-    def complete(self) -> bool:
-        """Whether every point was solved."""
-        return len(self.solved) == len(self.sweep.velocities)
-
-    @property
     def end(self) -> tuple[float, str] | None:
         """Mean velocity (m/s) at which the sweep ended before its last point, and the program's reason."""
         at = len(self.solved)
         return None if at >= len(self.points) else (self.sweep.velocities[at], str(self.points[at]["reason"]))
 
     @property
-    def failures(self) -> list[str]:
-        """What went wrong, as `Result.failure`; where a sweep ends is a finding and no failure."""
-        return [str(data["failure"]) for data in self.points if data["failure"] in ("check", "crash")]
-
-    @property
     def row(self) -> dict[str, Any]:
         """The line of the tables; what is not known is missing."""
         common = self.solved.get(COMMON, {})
         last = list(self.solved.values())[-1] if self.solved else {}
-        reaches = number(max(self.solved, default=None), "{:g}")
+        complete = "≥ " if len(self.solved) == len(self.sweep.velocities) else ""
         return {
             "roof": self.sweep.title.removesuffix(" roof"),
             **self.motion._asdict(),
-            "reaches": ("≥ " if self.complete else "") + reaches,
+            "reaches": complete + number(max(self.solved, default=None), "{:g}"),
             "min_jacobian_last": _jacobian(last),
             "min_jacobian": _jacobian(common),
             "tip_ux": common.get("quantities", {}).get("tip_ux"),
@@ -164,15 +150,6 @@ def motion_table(tracks: Sequence[Track], *more: Column) -> TextTable:
     return table((track.row for track in tracks), (*COLUMNS, *more), left=2, title=title)
 
 
-def ends(tracks: Sequence[Track]) -> list[str]:
-    """Return one line for each sweep that ended early: where, and the program's reason."""
-    return [
-        f"{track.sweep.title}, {track.motion.name}: failed at {track.end[0]:g} m/s: {track.end[1]}"
-        for track in tracks
-        if track.end is not None
-    ]
-
-
 def frame(tracks: Sequence[Track]) -> pd.DataFrame:
     """Return one row per computed point; counts and script seconds are those of the sweep so far."""
     jacobians = ("min_jacobian_fluid", "min_jacobian_solid")
@@ -181,8 +158,7 @@ def frame(tracks: Sequence[Track]) -> pd.DataFrame:
     return pd.DataFrame([
         {
             "case": track.sweep.case,
-            "motion": track.motion.name,
-            **track.motion.values,
+            **{"motion" if key == "name" else key: value for key, value in track.motion._asdict().items()},
             "level": LEVEL,
             VELOCITY: velocity,
             **{name: data[name] for name in ("status", "reason", "unknowns")},
@@ -205,14 +181,14 @@ def draw(tracks: Sequence[Track]) -> Figure:
     for axes, sweep in zip(panels, sweeps, strict=True):
         for track in tracks:
             if track.sweep == sweep:
-                colour, marker, line = _style(track.motion)
-                found = {velocity: _jacobian(data) for velocity, data in track.solved.items()}
-                points = {velocity: value for velocity, value in found.items() if value is not None}
-                style = {"color": colour, "marker": marker, "linestyle": line, "markersize": 4.5, "linewidth": 1.5}
-                axes.plot(points.keys(), points.values(), label=track.motion.name, **style)
+                _, kind, size, distance, _ = track.motion
+                marker, line = STYLES[distance > 0][size > 0]
+                values = [math.nan if (x := _jacobian(data)) is None else x for data in track.solved.values()]
+                style = {"marker": marker, "linestyle": line, "markersize": 4.5, "linewidth": 1.5}
+                axes.plot(list(track.solved), values, label=track.motion.name, color=COLOURS[kind], **style)
                 if track.end is not None:
                     cross = {**FAILURE, "label": "_failed"}
-                    axes.plot([track.end[0]], [0.0], color=colour, clip_on=False, zorder=4, **cross)
+                    axes.plot([track.end[0]], [0.0], color=COLOURS[kind], clip_on=False, zorder=4, **cross)
         axes.set_title(f"{sweep.case}, {sweep.title}", loc="left", fontsize=11, color=INK)
         axes.set_xlabel(label(VELOCITY), color=INK)
         axes.set_xlim(left=0.0)
@@ -224,28 +200,23 @@ def draw(tracks: Sequence[Track]) -> Figure:
     return figure
 
 
-def _style(motion: Motion) -> tuple[str, str, str]:
-    """Return colour (by kind), marker and line (by what the stiffness grows with: distance, size)."""
-    colour = {"harmonic": LINES[0], "linear-elastic": LINES[2], "hyperelastic": LINES[1]}[motion.kind]
-    styles = ((("o", ":"), ("s", "-")), (("D", "-."), ("^", "--")))
-    return colour, *styles[motion.distance_exponent > 0][motion.stiffness_exponent > 0]
-
-
 def main(*, out: Path | None = None, readme: Path | None = None) -> list[str]:
-    """Run both sweeps with every mesh motion, and print how far each one carries.
-
-    Where a sweep ends is a finding and no failure, unless no mesh motion solved any point of it.
-    """
+    """Run both sweeps with every mesh motion; where one ends is no failure, unless none solved any point of it."""
     study = Study("bench --mesh-motion", out, readme, [BLOCK])
     tracks = [run(sweep, motion) for sweep in SWEEPS for motion in MOTIONS]
     motion_table(tracks).print()
-    for line in ends(tracks):
+    ends = [
+        f"{track.sweep.title}, {track.motion.name}: failed at {track.end[0]:g} m/s: {track.end[1]}"
+        for track in tracks
+        if track.end is not None
+    ]
+    for line in ends:
         show.note(line)
     written = study.written(data for track in tracks for data in track.points)
     shown = motion_table(tracks, ENDED)
     sizes = {track.sweep.title: track.points[0]["unknowns"] for track in tracks if track.points}
     mesh = f"Mesh level {LEVEL}: {', '.join(f'{size} unknowns ({title})' for title, size in sizes.items())}."
-    lines = "\n".join(f"- {line}." for line in ends(tracks)) or "Every sweep went to its last point."
+    lines = "\n".join(f"- {line}." for line in ends) or "Every sweep went to its last point."
     parts: list[str | TextTable] = [
         "# Mesh motions",
         f"{written} {mesh}",
@@ -259,9 +230,8 @@ def main(*, out: Path | None = None, readme: Path | None = None) -> list[str]:
         MARKDOWN: lambda: markdown(parts) + "\n",
         PICTURE: lambda: to_small_png(draw(tracks)),
     }, digits="%.6g")  # fmt: skip
-    failures = [name for track in tracks for name in track.failures]
+    failures = [data["failure"] for track in tracks for data in track.points if data["failure"] in ("check", "crash")]
     for sweep in SWEEPS:
-        if not any(track.solved for track in tracks if track.sweep == sweep):
-            failures.append("not-converged")
+        failures += [] if any(track.solved for track in tracks if track.sweep == sweep) else ["not-converged"]
     text = markdown([EXPLANATION, shown, written + study.links("More", (MARKDOWN, PICTURE))])
     return study.publish(failures, {BLOCK: text})

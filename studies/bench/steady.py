@@ -17,10 +17,8 @@ from ffsi.hemodynamics.result import Result
 from ffsi.report.curves import LINES, MARKERS
 from ffsi.result.pictures import INK, to_png
 from ffsi.scene import CASES, load_scene
-from studies.harness import Study
-from studies.pictures import dress, over_seconds
-from studies.runs import Run, solved
-from studies.tables import Column, TextTable, bounded, markdown, table
+from studies.harness import Run, Study, solved
+from studies.tables import Column, TextTable, bounded, columns, dress, markdown, over_seconds, table
 from studies.verification.sources import COLUMNS, compared
 from studies.verification.steady import Variant, measure
 
@@ -36,18 +34,14 @@ class Ratio(NamedTuple):
     title: str
     phases: tuple[str, ...]
     bound: float
-
-    @property
-    def form(self) -> str:
-        """How it is written."""
-        return "{:.3f}" if self.bound < 1 else "{:.2f}"
+    form: str = "{:.2f}"
 
 
 # Phases are summed over the whole run, coarser meshes included; one_* is the median of a single one on the final mesh.
 RATIOS = (
     Ratio("newton", "residual + Jacobian + factorise + solve", SOLVER, 5.0),
     Ratio("one_jacobian", "one Jacobian", ("one_jacobian",), 1.0),
-    Ratio("one_residual", "one residual", ("one_residual",), 0.05),
+    Ratio("one_residual", "one residual", ("one_residual",), 0.05, "{:.3f}"),
     Ratio("overhead", "mesh + operators + output + check", ("mesh", "operators", "output", "check"), 4.0),
 )
 
@@ -79,10 +73,6 @@ def cost_row(runs: Sequence[Run]) -> dict[str, Any]:
     return row | {f"ratio_{name}": value for name, value in costs.items()}
 
 
-UNKNOWNS, ITERATIONS = Column("unknowns", "unknowns"), Column("iterations", "iterations")
-FACTORIZATIONS = Column("factorisations", "factorizations")
-
-
 def repeated(command: str, repeat: int) -> str:
     """Return a command with its option, if it has one."""
     return command + (f" --repeat {repeat}" if repeat > 1 else "")
@@ -98,10 +88,7 @@ BOUNDS = (
 
 
 def level_row(runs: Sequence[Run]) -> dict[str, Any]:
-    """Return the line of one level: costs, and the errors of a run that was solved.
-
-    `error_0_drag` is the relative error of the drag against the first of the case's compared sources.
-    """
+    """Return costs and errors on one level; `error_0_drag`: of the drag, against the case's first compared source."""
     row = cost_row(runs)
     for run in [run for run in runs if not run.failure][:1]:
         for index, source in enumerate(compared(CASE)):
@@ -111,23 +98,17 @@ def level_row(runs: Sequence[Run]) -> dict[str, Any]:
 
 def level_tables(rows: Sequence[Mapping[str, Any]]) -> list[TextTable]:
     """Return sizes, seconds and errors against the first source, errors against the others, and ratios with bounds."""
-    level, tables = Column("level", "level"), []
+    before = columns("unknowns | triangles | script s = script_seconds :.2f | total s = seconds :.2f")
+    after = columns("iterations | factorisations = factorizations")
+    tables, title = [], f"{CASE}: errors against"
     for index, source in enumerate(compared(CASE)):
-        columns = [Column(COLUMNS[name], f"error_{index}_{name}", "%") for name in source.values]
-        title = f"errors against {source.source}"
-        if not index:
-            title = f"{CASE}: {title}"
-            seconds = [Column("script s", "script_seconds", "{:.2f}"), Column("total s", "seconds", "{:.2f}")]
-            sizes = [UNKNOWNS, Column("triangles", "triangles"), *seconds]
-            columns = [*sizes, *columns, ITERATIONS, FACTORIZATIONS]
-        tables.append(table(rows, [level, *columns], title=title))
-    factorization = Column("one factorisation s", "one_factorization_seconds", "{:.3f}")
-    found = [
-        Column(f"{ratio.title} (below {ratio.bound:g})", f"ratio_{ratio.name}", ratio.form, ratio.bound)
-        for ratio in RATIOS
-    ]
+        errors = columns("|".join(f"{COLUMNS[name]} = error_{index}_{name} :%" for name in source.values))
+        tables.append(table(rows, [*columns("level"), *before, *errors, *after], title=f"{title} {source.source}"))
+        before, after, title = [], [], "errors against"
+    sizes = columns("level | unknowns | one factorisation s = one_factorization_seconds :.3f")
+    found = [Column(f"{x.title} (below {x.bound:g})", f"ratio_{x.name}", x.form, x.bound) for x in RATIOS]
     title = "seconds / seconds of one factorisation on the final mesh"
-    return [*tables, table(rows, [level, UNKNOWNS, factorization, *found], title=title)]
+    return [*tables, table(rows, [*sizes, *found], title=title)]
 
 
 def draw(rows: Sequence[Mapping[str, Any]]) -> Figure:
@@ -204,7 +185,7 @@ FORMULATIONS_TEXT = (
 
 
 def run(case: str, *settings: str) -> Run:
-    """Run and check a case near 30 000 unknowns without pictures; errors as of `runs.solved`.
+    """Run and check a case near 30 000 unknowns without pictures; errors as of `solved`.
 
     The timings of a solved run also hold `coarser_meshes`: the script's seconds until Newton's method had finished on
     the last but one mesh.
@@ -222,18 +203,13 @@ def _with_coarser(result: Result) -> dict[str, Any]:
 
 def scene_table(rows: Sequence[Mapping[str, Any]], *, reasons: bool = False) -> TextTable:
     """Return the ratios of every scene, on request with the phases of what is above its bound (marked with `!`)."""
-    columns = [
-        Column("case", "case"),
-        Column("level", "level"),
-        UNKNOWNS,
-        Column("factorisation s", "one_factorization_seconds", "{:.3f}"),
-    ]
-    columns += [
-        bounded(SHORT.get(ratio.name, ratio.title), f"ratio_{ratio.name}", ratio.bound, ratio.form) for ratio in RATIOS
-    ]
-    columns += [Column("coarser meshes", lambda row: _share(row, COARSER), "{:.2f}"), ITERATIONS, FACTORIZATIONS]
-    columns += [Column("above the bound", lambda row: "; ".join(above(row)))] if reasons else []
-    return table(rows, columns, title="Scenes: seconds / seconds of one factorisation")
+    sizes = columns("case | level | unknowns | factorisation s = one_factorization_seconds :.3f")
+    found = [bounded(SHORT.get(x.name, x.title), f"ratio_{x.name}", x.bound, x.form) for x in RATIOS]
+    coarser = Column("coarser meshes", lambda row: _share(row, COARSER), "{:.2f}")
+    counts = columns("iterations | factorisations = factorizations")
+    last = [Column("above the bound", lambda row: "; ".join(above(row)))] if reasons else []
+    title = "Scenes: seconds / seconds of one factorisation"
+    return table(rows, [*sizes, *found, coarser, *counts, *last], title=title)
 
 
 def above(row: Mapping[str, Any]) -> list[str]:
@@ -252,10 +228,7 @@ def _share(row: Mapping[str, Any], phase: str) -> float:
 
 
 def formulation_rows(case: str, repetitions: Sequence[Sequence[Run]]) -> list[dict[str, Any]]:
-    """Return one line per formulation: counts, and each cost as a multiple of the displacement form's.
-
-    A repetition is one run of each of `FORMULATIONS`; a quotient is the median over the repetitions.
-    """
+    """Return one line per formulation: counts, and median costs as multiples of the displacement form's."""
     rows = []
     for index, formulation in enumerate(FORMULATIONS):
         row = {**cost_row([runs[index] for runs in repetitions]), "case": case, "formulation": formulation}
@@ -269,17 +242,14 @@ def formulation_rows(case: str, repetitions: Sequence[Sequence[Run]]) -> list[di
 
 def formulation_table(rows: Sequence[Mapping[str, Any]]) -> TextTable:
     """Return the costs of the formulations; a value above the bound is marked with `!`."""
-    head = [Column("case", "case"), Column("formulation", "formulation"), UNKNOWNS, ITERATIONS, FACTORIZATIONS]
+    head = columns("case | formulation | unknowns | iterations | factorisations = factorizations")
     costs = [Column(title, f"quotient_{name}", "{:.2f}", FORMULATION_BOUND) for name, title, _ in COMPARED]
     title = f"Formulations of the solid: seconds / seconds of the displacement form (below {FORMULATION_BOUND})"
     return table(rows, [*head, *costs], left=2, title=title)
 
 
 def main_scenes(*, repeat: int = 1, out: Path | None = None, readme: Path | None = None) -> list[str]:
-    """Run every steady scene of the catalogue and the formulations of a solid, one thread, and print what they cost.
-
-    Seconds and ratios are the medians of `repeat` runs.
-    """
+    """Run every steady scene and the formulations of a solid, one thread, and print what they cost (medians)."""
     study = Study(repeated("bench --scenes", repeat), out, readme, [BLOCK])
     measure(Variant("turek-csm1"), 0)  # what Python imports and FreeFEM reads from disk for the first time
     groups = [[run(case) for _ in range(repeat)] for case in CASES.steady]

@@ -26,8 +26,7 @@ from ffsi.run.one_scene import resume
 from ffsi.scene import Scene, load_scene
 from ffsi.script.render import render
 from studies.bench.steady import SOLVER, WORDS, repeated
-from studies.harness import Study
-from studies.runs import PLAIN, Run, run_all, run_one
+from studies.harness import PLAIN, Place, Run, Study, run_all
 from studies.tables import Column, TextTable, columns, markdown, table, unsigned
 
 BLOCK = "bench-unsteady"
@@ -74,13 +73,6 @@ SIZES = (
 )
 
 
-def develop(size: Size, runs: Path) -> Run:
-    """Run to the developed motion, or find it where an earlier call has left it."""
-    name = f"{size.name}-developed"
-    with show.progress(f"{size.case} {name}") as on_event:
-        return run_one(name, size.scene(size.developed), runs / name, on_event)
-
-
 def start_from(source: Path, checkpoint: Checkpoint, scene: Scene, directory: Path) -> None:
     """Make a run folder in which `scene` goes on from a checkpoint of another run on the same mesh."""
     folder.prepare(directory)
@@ -123,10 +115,7 @@ def counted(directory: Path, before: int) -> pd.DataFrame:
 
 
 def row(size: Size, step: str, runs: Sequence[Run], start: Run) -> dict[str, Any]:
-    """Return what the steps of several runs cost: of each number the median over the runs.
-
-    The phases of `start`, a run without counted steps, are not those of steps.
-    """
+    """Return the medians of what the steps of runs cost; the phases of `start`, a run without steps, are taken off."""
     solved = [run for run in runs if not run.failure]
     status = "converged" if len(solved) == len(runs) else "failed"
     found = {"case": size.case, "mesh": size.name, "solver": step, "runs": len(runs), "status": status}
@@ -166,18 +155,11 @@ def step_table(rows: Sequence[Mapping[str, Any]], sizes: Sequence[Size] = SIZES)
     by_name = {size.name: size for size in sizes}
     lines = []
     for item in rows:
-        size = by_name[item["mesh"]]
+        size, word = by_name[item["mesh"]], WORD[item["solver"]]
         bound = size.bound if item["solver"] == "condensed" else math.inf
         cells = {name: Column("", f"{name}_seconds", "{:.3f}", bound).cell(item) for name in ("median", "mean")}
-        lines.append(
-            {
-                **item,
-                "title": size.title,
-                "word": WORD[item["solver"]],
-                "bound": bound if math.isfinite(bound) else None,
-                **cells,
-            }
-        )
+        bounded = {} if math.isinf(bound) else {"bound": bound}
+        lines.append({**item, "title": size.title, "word": word, **bounded, **cells})
     return table(lines, COLUMNS, title="Seconds per time step")
 
 
@@ -206,42 +188,31 @@ def run_time_steps(runs: Path) -> list[Run]:
 
 
 def error_rows(runs: Sequence[Run]) -> list[dict[str, Any]]:
-    """Return error and order of every time step but the finest; no error where a run failed."""
+    """Return of every time step but the finest the largest error of u_y over its largest value, and the order."""
     *coarse, finest = runs
     found: list[dict[str, Any]] = []
     before = math.nan
     for step, item in zip(TIME_STEPS, coarse, strict=True):
-        error = math.nan if item.failure or finest.failure else difference(item.history, finest.history)
+        (times, values), (other, exact) = (run.history[["time", "tip_uy"]].to_numpy(float).T for run in (item, finest))
+        at = np.abs(other[:, None] - times[None, :]).argmin(axis=0)
+        error = math.nan
+        if not (item.failure or finest.failure):
+            error = float(np.abs(values - exact[at]).max() / np.abs(exact).max())
         costs = {name: item.steps[name] for name in ("steps", "seconds", "seconds_per_step")}
         found.append({"case": BEAM, "step": step, **costs, "error": error, "order": math.log2(before / error)})
         before = error
     return found
 
 
-def difference(coarse: pd.DataFrame, finest: pd.DataFrame) -> float:
-    """Return the largest difference of u_y at the times of the coarser run, over the largest value; dimensionless."""
-    (times, values), (other, exact) = (item[["time", "tip_uy"]].to_numpy(np.float64).T for item in (coarse, finest))
-    at = np.abs(other[:, None] - times[None, :]).argmin(axis=0)
-    return float(np.abs(values - exact[at]).max() / np.abs(exact).max())
-
-
 def main(
-    *,
-    repeat: int = 1,
-    out: Path | None = None,
-    readme: Path | None = None,
-    runs: Path = RUNS,
-    sizes: Sequence[Size] = SIZES,
+    *, repeat: int = 1, out: Place = None, readme: Place = None, runs: Path = RUNS, sizes: Sequence[Size] = SIZES
 ) -> list[str]:
-    """Run each case to its developed motion, measure steps from there with both solvers, and print what they cost.
-
-    Numbers of the condensed solver are medians of `repeat` runs. Then the error against the time step, of CSM3.
-    """
+    """Run each case to its developed motion, and print what steps cost from there; then errors over time steps."""
     study = Study(repeated("bench --unsteady", repeat), out, readme, [BLOCK])
     rows: list[dict[str, Any]] = []
     done: list[Run] = []
     for size in sizes:
-        source = develop(size, runs)
+        (source,) = run_all({f"{size.name}-developed": size.scene(size.developed)}, runs)
         done.append(source)
         if source.failure:
             continue

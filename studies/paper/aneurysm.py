@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
@@ -12,18 +11,15 @@ from matplotlib.figure import Figure
 
 from ffsi.cli import show
 from ffsi.files import folder
-from ffsi.files.errors import InputError
 from ffsi.hemodynamics.parts import NECK_ZONE, PARTS
 from ffsi.hemodynamics.result import Result, load_result
 from ffsi.report import walls
 from ffsi.result import pictures
 from ffsi.result.quantities import check_maximum
-from ffsi.run.one_scene import solve
-from ffsi.scene import Scene
-from studies.harness import Study, origin
-from studies.paper.sweeps import LEVEL, OUT, RUNS
+from studies.harness import Study, origin, run_all
+from studies.paper.flap import LEVEL, OUT, RUNS
 from studies.tables import TextTable, columns, markdown, number, table
-from studies.verification.blood_cases import VARIANTS, AneurysmVariant
+from studies.verification.blood import VARIANTS, AneurysmVariant
 
 MARKDOWN = "aneurysm.md"
 INTRODUCTION = (
@@ -93,15 +89,12 @@ Results = Mapping[AneurysmVariant, Result]
 
 
 def main(*, level: int = LEVEL, out: Path = OUT, runs: Path = RUNS) -> list[str]:
-    """Compute the variants and write figures, curves and `aneurysm.md`; what a call before has solved is kept."""
+    """Compute the variants and write figures, curves and `aneurysm.md`; a second call goes on."""
     scenes = {variant: variant.scene(level) for variant in VARIANTS}
     Study("paper --aneurysm", out)
-    results: dict[AneurysmVariant, Result] = {}
-    with show.progress("aneurysm", len(scenes)) as on_event:
-        for variant, scene in scenes.items():
-            directory = runs / f"aneurysm-level-{level}" / variant.name
-            found = solved_before(scene, directory)
-            results[variant] = found or solve(scene, directory, on_event=on_event)
+    kept = runs / f"aneurysm-level-{level}"
+    run_all({variant.name: scene for variant, scene in scenes.items()}, kept)
+    results = {variant: load_result(kept / variant.name) for variant in scenes}
     solved = {variant: result for variant, result in results.items() if result.solved}
     for variant, result in solved.items():
         wall = result.wall
@@ -115,16 +108,6 @@ def main(*, level: int = LEVEL, out: Path = OUT, runs: Path = RUNS) -> list[str]
     folder.write_text(out / MARKDOWN, document(results, names))
     show.note(f"wrote {out / MARKDOWN}, its tables and figures")
     return [result.failure for result in results.values()]
-
-
-def solved_before(scene: Scene, directory: Path) -> Result | None:
-    """Return the result in a folder, if it is that of the scene and was solved."""
-    try:
-        result = load_result(directory)
-    except InputError:
-        return None
-    same = tomllib.loads(result.scene.to_toml()) == tomllib.loads(scene.to_toml())
-    return result if same and result.failure in ("", "check") else None
 
 
 def systole(result: Result) -> float:
@@ -145,11 +128,8 @@ def draw(results: Results) -> dict[str, Figure]:
         found |= _at_systole(by_name["pulsatile-elastic"])
     tables = {variant: result.wall for variant, result in results.items() if result.wall is not None}
     steady = {variant.label: walls.outer_wall(table) for variant, table in tables.items() if not variant.pulsatile}
-    last = {
-        variant.label: walls.outer_wall(table[table["cycle"] == table["cycle"].max()])
-        for variant, table in tables.items()
-        if variant.pulsatile
-    }
+    cycles = {variant.label: walls.outer_wall(table) for variant, table in tables.items() if variant.pulsatile}
+    last = {label: table[table["cycle"] == table["cycle"].max()] for label, table in cycles.items()}
     if steady:
         panels = [("wss", "wall shear stress (Pa)"), ("pressure", "pressure (Pa)")]
         title = "Steady flow, peak velocity 0.05 m/s"
@@ -183,25 +163,11 @@ def _at_systole(result: Result) -> dict[str, Figure]:
 
 def document(results: Results, drawn: Collection[str]) -> str:
     """Return `aneurysm.md`; `drawn` are the names of the figures that were written beside it."""
-    first = next(iter(results.values()))
-    parts: list[str | TextTable] = ["# The paper's aneurysm", INTRODUCTION]
-    parts += [origin("python -m studies paper --aneurysm", [first.data]), overview(results)]
-    for name, caption in CAPTIONS.items():
-        if f"{name}.png" in drawn:
-            parts += [f"![{caption}]({name}.png)", f"*{caption}*"]
-    parts += ["## Steady flow", steady_table(results), PARTS_TEXT]
-    parts += ["## Four cycles at 84 beats per minute", cycle_table(results), INDICES_TEXT, statements(results)]
-    parts += ["## What the paper does not state", TextTable(("value", "used"), OPEN, left=2), FREE_WALLS]
-    return markdown(parts) + "\n"
-
-
-def overview(results: Results) -> TextTable:
-    """Return one row per computation: mesh, steps, seconds, how it ended."""
     rows = [
         {
+            **result.data,
             "flow": "pulsatile" if variant.pulsatile else "steady",
             "label": variant.label,
-            "unknowns": str(result.data.get("unknowns")),
             "steps": (result.data.get("time") or {}).get("steps"),
             "seconds": (result.data.get("timings") or {}).get("script"),
             "check": check_maximum(result.data),
@@ -209,14 +175,17 @@ def overview(results: Results) -> TextTable:
         }
         for variant, result in results.items()
     ]
-    return table(rows, OVERVIEW, left=2)
-
-
-def steady_table(results: Results) -> TextTable:
-    """Return one row per quantity, one column per steady computation."""
-    chosen = {variant.label: result.quantities for variant, result in results.items() if not variant.pulsatile}
-    rows = [[column.head, *(column.cell(item) for item in chosen.values())] for column in _STEADY]
-    return TextTable(("", *chosen), rows)
+    parts: list[str | TextTable] = ["# The paper's aneurysm", INTRODUCTION]
+    parts += [origin("python -m studies paper --aneurysm", rows[:1]), table(rows, OVERVIEW, left=2)]
+    for name, caption in CAPTIONS.items():
+        if f"{name}.png" in drawn:
+            parts += [f"![{caption}]({name}.png)", f"*{caption}*"]
+    steady = {variant.label: result.quantities for variant, result in results.items() if not variant.pulsatile}
+    quantities = [[column.head, *(column.cell(item) for item in steady.values())] for column in _STEADY]
+    parts += ["## Steady flow", TextTable(("", *steady), quantities), PARTS_TEXT]
+    parts += ["## Four cycles at 84 beats per minute", cycle_table(results), INDICES_TEXT, statements(results)]
+    parts += ["## What the paper does not state", TextTable(("value", "used"), OPEN, left=2), FREE_WALLS]
+    return markdown(parts) + "\n"
 
 
 def cycle_table(results: Results) -> TextTable:
@@ -234,25 +203,19 @@ def cycle_table(results: Results) -> TextTable:
 
 def statements(results: Results) -> str:
     """Return the paper's statements in words with the numbers found."""
-    by_name = {variant.name: result for variant, result in results.items()}
-    lines = []
-    steady = by_name.get("steady-elastic")
-    if steady is not None and steady.solved:
-        wall = steady.wall
-        assert wall is not None
-        dome = wall[wall["part"] == "dome"]["pressure"]
-        lines.append(
-            "“The pressure on the wall is nearly constant when the flow is fully developed”. Here: in the dome of the "
-            f"steady flow it is {dome.min():.4g} to {dome.max():.4g} Pa; along the vessel it falls by "
-            f"{steady.quantities['pressure_drop']:.3g} Pa, as it must."
-        )
-        found = steady.quantities
-        lines.append(
-            "“the blood flow intensity is higher near the neck of the aneurysm”. Here: the wall shear stress at the "
-            f"neck is {found['wss_mean_neck']:.3g} Pa on average, "
-            f"{found['wss_mean_neck'] / found['wss_mean_dome']:.2g} times that of the dome; "
-            f"{100 * found['dome_inflow'] / found['flow_rate_in']:.2g} % of the flow enters the dome."
-        )
-    if not lines:
+    steady = {variant.name: result for variant, result in results.items()}.get("steady-elastic")
+    if steady is None or not steady.solved:
         return ""
-    return "What the paper says, and what is found:\n\n" + "\n".join(f"- {line}" for line in lines)
+    wall, found = steady.wall, steady.quantities
+    assert wall is not None
+    dome = wall[wall["part"] == "dome"]["pressure"]
+    return (
+        "What the paper says, and what is found:\n\n"
+        "- “The pressure on the wall is nearly constant when the flow is fully developed”. Here: in the dome of the "
+        f"steady flow it is {dome.min():.4g} to {dome.max():.4g} Pa; along the vessel it falls by "
+        f"{found['pressure_drop']:.3g} Pa, as it must.\n"
+        "- “the blood flow intensity is higher near the neck of the aneurysm”. Here: the wall shear stress at the "
+        f"neck is {found['wss_mean_neck']:.3g} Pa on average, "
+        f"{found['wss_mean_neck'] / found['wss_mean_dome']:.2g} times that of the dome; "
+        f"{100 * found['dome_inflow'] / found['flow_rate_in']:.2g} % of the flow enters the dome."
+    )

@@ -4,25 +4,221 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cache, partial
+from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
+import numpy as np
 import pandas as pd
 
-from ffsi.hemodynamics.result import load_result
-from studies.harness import Study
-from studies.runs import Run, run_all
-from studies.tables import Column, TextTable, bounded, markdown, table
-from studies.verification.blood_cases import (
-    ANEURYSM_CASES,
-    OSCILLATING_CASES,
-    PLANE_CASES,
-    BloodCase,
+from ffsi.files import folder
+from ffsi.files.arrays import read_mesh, read_state
+from ffsi.hemodynamics.result import Result, load_result
+from ffsi.hemodynamics.walls import wall_labels, wall_points, wall_shear_stress
+from ffsi.scene import CASES as CATALOGUE
+from ffsi.scene import Aneurysm, Scene
+from studies.harness import Place, Run, Study, run_all
+from studies.tables import Column, TextTable, columns, markdown, table
+from studies.verification import exact_flows as flows
+from studies.verification.exact_flows import RANGES, SLOWED, Measured, far_flow, worst
+
+_MIDDLE = 0.4, 0.6  # part of the length; ahead of it the inlet is felt, behind it the outlet
+_SAMPLES, _ACROSS = 9, 41
+_CYCLES, _SAVED, _LENGTH = 3, 16, 2.0  # of Womersley's flow; m
+
+
+def _channel(name: str, length: float, height: float, tables: Mapping[str, Any]) -> Scene:
+    return Scene.model_validate({
+        "name": name,
+        "geometry": {"kind": "channel", "length": length, "height": height},
+        "outlet": {"kind": "do-nothing"},
+        "output": {"pictures": False, "vtu": False},
+        **tables,
+    })  # fmt: skip
+
+
+class BloodCase(NamedTuple):
+    """A run, and what is measured of it."""
+
+    group: str  # name of the group of rows that it belongs to
+    folder: str  # name of the run folder
+    labels: tuple[str, ...]  # what the first cells of its row say
+    level: int  # mesh level
+    scene: Callable[[], Scene]  # what is solved
+    measure: Callable[[Result], Mapping[str, Measured]]  # numbers of a solved run by quantity
+
+
+def plane_case(name: str, fluid: Mapping[str, Any], gradient: float) -> BloodCase:
+    """Return the flow of a fluid, given by its table in a scene, that a pressure gradient in Pa/m drives.
+
+    The mean velocity is given, and a power of the distance from the middle as profile. It has the exact ratio of
+    largest and mean velocity, so that a short vessel is enough to leave the inlet behind.
+    """
+    label = f"plane-{name.lower().replace(' ', '-')}-{gradient:g}"
+    half_height, length = 1e-3, 13e-3
+    # Rows from 35 micrometres at the walls, where the stress is largest, to 70 in the middle, where a Carreau fluid has
+    # its thick core.
+    mesh = {"level": 0, "body_size": 3.5e-5, "growth": 0.04, "far_size": 0.9e-3}
+
+    def with_inflow(inflow: Mapping[str, Any]) -> Scene:
+        return _channel(label, length, 2 * half_height, {"mesh": mesh, "fluid": fluid, "inflow": inflow})
+
+    @cache
+    def exact() -> tuple[float, float]:
+        blood = with_inflow({"mean_velocity": 1.0}).fluid
+        assert blood is not None
+        return flows.plane_flow(blood, gradient, half_height)
+
+    def scene() -> Scene:
+        mean, largest = exact()
+        power = float(f"{1 / (largest / mean - 1):.4g}")
+        profile = f"{(power + 1) / power:.15g} * (1 - abs(2 * y / H - 1)^{power})"
+        return with_inflow({"mean_velocity": mean, "profile": profile})
+
+    def measure(result: Result) -> dict[str, Measured]:
+        """Return pressure gradient (Pa/m), and where they are farthest off largest velocity and wall shear stress."""
+        x = np.linspace(*_MIDDLE, _SAMPLES) * length
+        found = result.sample(np.column_stack([x, np.full_like(x, half_height)]))
+        raw = read_mesh(result.directory / folder.MESH)
+        points = wall_points(raw, wall_labels(result.scene))
+        state = read_state(result.directory / str(result.state_file), raw)
+        assert result.scene.fluid is not None
+        wall = np.hypot(*wall_shear_stress(points, state, result.scene.fluid).T)
+        place = points.position[:, 0] / length
+        return {
+            "mean": Measured(exact()[0]),
+            "gradient": Measured(-float(np.polyfit(x, found["p"], 1)[0]), gradient),
+            "largest": worst(found["vx"].to_numpy(), exact()[1]),
+            "wall_shear_stress": worst(wall[(place > _MIDDLE[0]) & (place < _MIDDLE[1])], gradient * half_height),
+        }
+
+    return BloodCase("plane", label, (name, f"{gradient:g}"), 0, scene, measure)
+
+
+def oscillating_case(level: int, step: float) -> BloodCase:
+    """Return Womersley's flow from rest, on a mesh level with a time step in s."""
+    label = f"oscillating-level-{level}-steps-{round(flows.PERIOD / step)}"
+    tables = {
+        "mesh": {"level": level},
+        "fluid": {"density": flows.DENSITY, "viscosity": flows.VISCOSITY},
+        "inflow": {"flow_rate": flows.RATE, "profile": "womersley", "waveform": "sinus"},
+        "time": {"step": step, "end": _CYCLES * flows.PERIOD, "output_interval": flows.PERIOD / _SAVED},
+    }
+    scene = partial(_channel, label, _LENGTH, flows.HEIGHT, tables)
+    return BloodCase("oscillating", label, (str(level), f"{step:g}"), level, scene, measure_oscillation)
+
+
+def measure_oscillation(result: Result) -> dict[str, Measured]:
+    """Return the largest differences of velocity (at inlet, middle, outlet) and drop, over the largest exact values."""
+    y = np.linspace(0, flows.HEIGHT, _ACROSS)
+    steps = [step for step in result.saved_steps if step.time > (_CYCLES - 1) * flows.PERIOD * (1 + 1e-9)]
+    differences, sizes = np.zeros(2), np.zeros(2)
+    for step in steps:
+        fields = result.fields_of(step)
+        velocity, _ = flows.oscillating_flow(y, step.time)
+        for x in (0.0, _LENGTH / 2, _LENGTH):
+            found = fields.sample(np.column_stack([np.full_like(y, x), y]))
+            differences[0] = max(differences[0], np.hypot(found["vx"] - velocity, found["vy"]).max())
+        # Where the pressure of a step belongs: at its weighted time.
+        _, gradient = flows.oscillating_flow(y, step.time - (1 - step.theta) * step.k)
+        p = fields.sample([(0.0, flows.HEIGHT / 2), (_LENGTH, flows.HEIGHT / 2)])["p"]
+        differences[1] = max(differences[1], abs(p[0] - p[1] - _LENGTH * gradient))
+        sizes = np.maximum(sizes, [np.abs(velocity).max(), _LENGTH * abs(gradient)])
+    velocity_difference, drop_difference = differences / sizes
+    return {
+        "steps": Measured(float(result.data["time"]["steps"])),
+        "velocity_difference": Measured(float(velocity_difference)),
+        "pressure_difference": Measured(float(drop_difference)),
+    }
+
+
+@dataclass(frozen=True)
+class AneurysmVariant:
+    """A computation of the catalogue's aneurysm."""
+
+    pulsatile: bool  # whether the flow is
+    elastic: bool  # whether the walls are, else rigid
+    carreau: bool  # whether blood is a Carreau fluid, else Newtonian
+    # Whether the elastic walls of a steady flow have the support that those of the pulsatile one have.
+    held: bool = False
+
+    @property
+    def name(self) -> str:
+        """Name of its folder."""
+        words = ["pulsatile" if self.pulsatile else "steady", "elastic" if self.elastic else "rigid"]
+        return "-".join(words + ["carreau"] * self.carreau + ["held"] * self.held)
+
+    @property
+    def label(self) -> str:
+        """Name in legends and tables."""
+        walls = "elastic" + (", held" if self.held else "") if self.elastic else "rigid"
+        return f"{walls}, {'Carreau' if self.carreau else 'Newtonian'}"
+
+    def scene(self, level: int) -> Scene:
+        """Return the scene on a mesh level, without the pictures of a run."""
+        table = CATALOGUE["aneurysm-pulsatile" if self.pulsatile else "aneurysm"].model_dump(exclude_none=True)
+        table["name"] = f"aneurysm-{self.name}"
+        table["mesh"]["level"] = level
+        table["output"] |= {"pictures": False, "vtu": False}
+        if self.carreau:
+            table["fluid"] = CATALOGUE["aneurysm-carreau"].model_dump()["fluid"]
+        if self.held:
+            table["support"] = CATALOGUE["aneurysm-pulsatile"].model_dump()["support"]
+        if self.pulsatile:
+            # Twenty states per cycle: one of them is near the systole.
+            table["time"]["output_interval"] = table["inflow"]["period"] / 20
+        if not self.elastic:
+            for key in ("solid", "mesh_motion", "support"):
+                table.pop(key, None)
+        return Scene.model_validate(table)
+
+
+VARIANTS = tuple(AneurysmVariant(*kind) for kind in product((False, True), (True, False), (False, True)))
+HELD = AneurysmVariant(pulsatile=False, elastic=True, carreau=False, held=True)
+
+
+def aneurysm_case(variant: AneurysmVariant, level: int) -> BloodCase:
+    """Return a variant on a mesh level."""
+
+    def measure(result: Result) -> dict[str, Measured]:
+        """Return what `result.json` has of it; of a steady flow also the flow far from the dome."""
+        if variant.pulsatile:
+            last, steps = result.data["cycles"][-1], result.data["time"]["steps"]
+            names = ("tawss_mean_dome", "tawss_min_dome", "osi_max_dome", "tawss_change")
+            return {"steps": Measured(float(steps)), **{name: Measured(last[name]) for name in names}}
+        found = result.quantities
+        names = ("mass_balance", "wss_mean_dome", "effective_stress_max", "dome_displacement_max")
+        assert isinstance(result.scene.geometry, Aneurysm) and result.scene.fluid is not None
+        _, inner, outer, _ = result.scene.geometry.radii
+        straight = flows.bent_flow(result.scene.fluid, inner, outer, found["flow_rate_in"]).gradient * math.pi / 2
+        return {
+            **{name: Measured(found[name]) for name in names if name in found},
+            "pressure_drop": Measured(found["pressure_drop"], straight),
+            **far_flow(result),
+        }
+
+    group = "pulsatile" if variant.pulsatile else "steady"
+    label = f"aneurysm-{variant.name}-level-{level}"
+    return BloodCase(group, label, (variant.label, str(level)), level, partial(variant.scene, level), measure)
+
+
+_DENSITY = {"density": 1035.0}
+PLANE_CASES = (
+    plane_case("Newtonian", {"law": "newtonian", "viscosity": 3.5e-3} | _DENSITY, 100.0),
+    *(plane_case("Carreau", {"law": "carreau"} | _DENSITY, gradient) for gradient in (10.0, 100.0, 1000.0)),
+    plane_case("power law", {"law": "power-law", "consistency": 0.0147, "exponent": 0.7755} | _DENSITY, 100.0),
+    plane_case("Casson", {"law": "casson", "yield_stress": 0.005, "viscosity_infinity": 0.0035} | _DENSITY, 500.0),
 )
-from studies.verification.exact_flows import Measured
-from studies.verification.far_from_dome import RANGES, SLOWED
+OSCILLATING_CASES = (oscillating_case(0, 0.0125), oscillating_case(1, 0.00625))
+ANEURYSM_CASES = (
+    *(aneurysm_case(variant, level) for variant in (*VARIANTS[:4], HELD) for level in (1, 2, 3)),
+    aneurysm_case(VARIANTS[4], 1),
+    *(aneurysm_case(variant, 2) for variant in VARIANTS[4:]),
+)
+
 
 BLOCK, CSV, MARKDOWN = "blood", "blood.csv", "blood.md"
 RUNS = Path("runs/verify-blood")
@@ -68,32 +264,34 @@ class BloodTable:
     columns: Sequence[Column]  # the others
     finest: bool = False  # whether a short version has the rows of the finest mesh only
 
+    @property
+    def bounds(self) -> dict[str, float]:
+        """The bound of each quantity, infinite if there is none."""
+        found: dict[str, float] = {}
+        for column in self.columns:
+            name = str(column.of).partition(".")[0]
+            found[name] = min(column.bound, found.get(name, math.inf))
+        return found
+
     def of(self, rows: Iterable[Row], *, short: bool = False) -> TextTable:
         """Return the table of those rows of its group that failed or have one of its quantities."""
-        names = {quantity(column) for column in self.columns}
-        own = [row for row in rows if row.group == self.group and (row.failure or names & row.numbers.keys())]
+        own = [row for row in rows if row.group == self.group and (row.failure or self.bounds.keys() & row.numbers)]
         if short and self.finest:
             own = [row for row in own if row.level == max(row.level for row in own)]
         labels = [Column(head, f"label {i}") for i, head in enumerate(self.labels)]
         return table([row.cells for row in own], [*labels, *self.columns], title=self.text)
 
 
-def quantity(column: Column) -> str:
-    """Return the name of the quantity that a column shows."""
-    return str(column.of).partition(".")[0]
-
-
-_UNKNOWNS, _SECONDS = Column("unknowns", "unknowns", "{:.0f}"), Column("seconds", "seconds", "{:.1f}")
-_STEPS, _CHECK = Column("steps", "steps", "{:.0f}"), bounded("largest check", "check", CHECK, "{:.0e}")
 _WALLS = ("walls, blood", "level")
+_CHECK = f"largest check = check :.0e < {CHECK}"
 
 
 def _far(ending: str) -> list[Column]:
-    return [
-        bounded(f"{low:g}-{high:g}°: {title}", f"{name}_{what}{ending}.error", FAR)
+    return columns("|".join(
+        f"{low:g}-{high:g}°: {title} = {name}_{what}{ending}.error :% < {FAR}"
         for name, (low, high) in RANGES.items()
         for what, title in (("pressure", "Δp"), ("inner", "inner"), ("outer", "outer"))
-    ]
+    ))  # fmt: skip
 
 
 TABLES = (
@@ -103,10 +301,9 @@ TABLES = (
         "of the gradient at the given mean velocity, and where they are largest of the velocity in the middle and of "
         "the wall shear stress (WSS), which is G times the half height.",
         ("blood", "G Pa/m"),
-        (
-            *(_UNKNOWNS, _SECONDS, Column("mean velocity m/s", "mean", "{:.6g}")),
-            *(bounded("G", "gradient.error", PLANE), bounded("largest velocity", "largest.error", PLANE)),
-            *(bounded("WSS", "wall_shear_stress.error", PLANE), _CHECK),
+        columns(
+            f"unknowns :.0f | seconds :.1f | mean velocity m/s = mean :.6g | G = gradient.error :% < {PLANE} | "
+            f"largest velocity = largest.error :% < {PLANE} | WSS = wall_shear_stress.error :% < {PLANE} | {_CHECK}"
         ),
     ),
     BloodTable(
@@ -114,9 +311,9 @@ TABLES = (
         "Womersley's flow in a plane channel, Womersley number 3, flow rate 1 + 0.75 sin(2πt): largest differences "
         "over the third cycle, relative to the largest velocity and to the largest pressure drop.",
         ("level", "dt s"),
-        (
-            *(_UNKNOWNS, _STEPS, _SECONDS, bounded("velocity", "velocity_difference", OSCILLATING)),
-            *(bounded("pressure drop", "pressure_difference", OSCILLATING), _CHECK),
+        columns(
+            f"unknowns :.0f | steps :.0f | seconds :.1f | velocity = velocity_difference :% < {OSCILLATING} | "
+            f"pressure drop = pressure_difference :% < {OSCILLATING} | {_CHECK}"
         ),
     ),
     BloodTable(
@@ -125,13 +322,10 @@ TABLES = (
         "mean WSS on the dome; largest effective stress away from corners and clamped faces. *Held*: by the support "
         "that the walls have in the pulsatile flow.",
         _WALLS,
-        (
-            *(_UNKNOWNS, _SECONDS, bounded("mass balance", "mass_balance", CHECK, "{:.0e}")),
-            Column("pressure drop Pa", "pressure_drop", "{:.4f}"),
-            Column("without a dome Pa", "pressure_drop.reference", "{:.4f}"),
-            Column("WSS dome Pa", "wss_mean_dome", "{:.5f}"),
-            Column("effective stress Pa", "effective_stress_max", "{:.1f}"),
-            _CHECK,
+        columns(
+            f"unknowns :.0f | seconds :.1f | mass balance = mass_balance :.0e < {CHECK} | "
+            "pressure drop Pa = pressure_drop :.4f | without a dome Pa = pressure_drop.reference :.4f | "
+            f"WSS dome Pa = wss_mean_dome :.5f | effective stress Pa = effective_stress_max :.1f | {_CHECK}"
         ),
         finest=True,
     ),
@@ -139,14 +333,12 @@ TABLES = (
         "levels",
         "Its changes from one mesh level to the next:",
         ("walls, blood",),
-        [
-            column
-            for name, title in CHANGES.items()
-            for column in (
-                Column(f"{title}, 1 to 2", f"{name}_2", "%"),
-                bounded(f"{title}, 2 to 3", f"{name}_3", CHANGE),
+        columns(
+            "|".join(
+                f"{title}, 1 to 2 = {name}_2 :% | {title}, 2 to 3 = {name}_3 :% < {CHANGE}"
+                for name, title in CHANGES.items()
             )
-        ],
+        ),
     ),
     BloodTable(
         "steady",
@@ -173,24 +365,19 @@ TABLES = (
         "TAWSS from the third to the fourth cycle (L2 norm over the walls).",
         _WALLS,
         (
-            *(_UNKNOWNS, _STEPS, bounded("seconds", "seconds", LONGEST, "{:.0f}")),
-            Column("per step", "seconds_per_step", "{:.3f}"),
-            Column("TAWSS mean Pa", "tawss_mean_dome", "{:.5f}"),
+            *columns(
+                f"unknowns :.0f | steps :.0f | seconds :.0f < {LONGEST} | per step = seconds_per_step :.3f | "
+                "TAWSS mean Pa = tawss_mean_dome :.5f"
+            ),
             Column("min Pa (≥ 0)", "tawss_min_dome", "{:.5f}", least=0.0),
-            Column("OSI max", "osi_max_dome", "{:.0e}"),
-            *(bounded("change", "tawss_change", CHANGE, "{:.0e}"), _CHECK),
+            *columns(f"OSI max = osi_max_dome :.0e | change = tawss_change :.0e < {CHANGE} | {_CHECK}"),
         ),
     ),
 )
 
 
 def main(
-    *,
-    jobs: int = 1,
-    out: Path | None = None,
-    readme: Path | None = None,
-    runs: Path = RUNS,
-    cases: Sequence[BloodCase] = CASES,
+    *, jobs: int = 1, out: Place = None, readme: Place = None, runs: Path = RUNS, cases: Sequence[BloodCase] = CASES
 ) -> list[str]:
     """Run everything, print its tables, and write them down. A second call goes on."""
     study = Study("verify --blood", out, readme, [BLOCK])
@@ -222,10 +409,7 @@ def _row(case: BloodCase, run: Run, directory: Path) -> Row:
 
 
 def level_changes(rows: Sequence[Row]) -> list[Row]:
-    """Return a row for every steady variant: what changes from one mesh level to the next, relative to the finer one.
-
-    Quantities: `wss_mean_dome_2`, the change from level 1 to 2, `effective_stress_max_3`, ...
-    """
+    """Return a row for every steady variant: `wss_mean_dome_2`, the change from level 1 to 2 over the finer, ..."""
     steady = [row for row in rows if row.group == "steady" and not row.failure]
     found = []
     for label in dict.fromkeys(row.labels[0] for row in steady):
@@ -252,12 +436,7 @@ def to_frame(rows: Iterable[Row]) -> pd.DataFrame:
     Columns: `group`, `case`, `level`, `failure`, `quantity`, `value`, `reference`, `error`, and `bound`, the largest
     accepted size of the error or, without a reference, of the value; NaN where there is none.
     """
-    bounds = {
-        (item.group, quantity(column)): column.bound
-        for item in TABLES
-        for column in item.columns
-        if math.isfinite(column.bound)
-    }
+    bounds = {(item.group, name): bound for item in TABLES for name, bound in item.bounds.items() if bound < math.inf}
     lines: list[dict[str, Any]] = []
     for row in rows:
         common = {name: getattr(row, name) for name in ("group", "case", "level", "failure")}

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import contextlib
+import fnmatch
 import hashlib
 import json
 import math
 import re
 import shutil
 import time
+import tomllib
 import traceback
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from functools import cached_property, partial
+from dataclasses import dataclass, field
+from functools import cache, cached_property, partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -26,12 +29,143 @@ from ffsi.freefem.events import OnEvent
 from ffsi.hemodynamics.result import load_result, load_results
 from ffsi.result.quantities import flatten
 from ffsi.run.sweep import sweep
-from ffsi.scene import Scene, SceneError
+from ffsi.scene import CASES, Scene, SceneError, load_scene, with_values
 from ffsi.script.render import render
-from studies.harness import Study, side_by_side
-from studies.runs import history_of, run_one
+from studies.harness import Study, history_of, run_one, side_by_side
 from studies.tables import Column, TextTable, columns, markdown, table
-from studies.verification.hard_entries import Entry, Expectation, load, numbers_of, select
+
+DATA = Path(__file__).parents[1] / "data" / "hard"
+PLAIN = {"mesh.level": 0, "output.pictures": False, "output.vtu": False}
+OUTCOMES = ("solves", "fails", "either", "open")
+_OF = re.compile(
+    r"(?:(max|path|rise|size) )?([a-z][a-z0-9_.]*?)(?:@([0-9.e+-]+)|#(-?\d+)|\(([0-9.e+-]+), ?([0-9.e+-]+)\))?"
+)
+
+
+@dataclass(frozen=True)
+class Expectation:
+    """A number x and where it must lie."""
+
+    # What x is (SI): a quantity of the result (in time of the last state), `iterations`, `imbalance` (of the
+    # energy, its size), `points` (solved ones of a sweep), or FORM of those in the data's README.
+    of: str
+    # Another entry, whose number x is divided by; `times` multiplies that number, `per_of` says of what it is.
+    per: str = ""
+    per_of: str = ""
+    times: float = 1.0
+    # What x is, 1 with `per` if neither it nor a bound is given; up to the part `within` of it, or `off` by so
+    # much.
+    value: float | None = None
+    within: float = 0.0
+    off: float = 0.0
+    above: float | None = None  # lower bound
+    below: float | None = None  # upper bound
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be evaluated, or holds of every number."""
+        if not all(_OF.fullmatch(text) for text in (self.of, self.per_of) if text):
+            raise ValueError(f"of = {self.of!r}, per_of = {self.per_of!r}: not of a known form")
+        free = self.value is None and self.above is None and self.below is None
+        if free and self.per:
+            object.__setattr__(self, "value", 1.0)
+        if (self.value is not None) != (self.within + self.off > 0) or (free and not self.per):
+            raise ValueError(f"{self.of}: needs above, below, or a value with one of within and off")
+
+    def holds(self, x: float) -> bool:
+        """Return whether x lies where it must; NaN never does."""
+        near = self.value is None or abs(x - self.value) <= max(self.within * abs(self.value), self.off)
+        return near and (self.above is None or x > self.above) and (self.below is None or x < self.below)
+
+    @property
+    def text(self) -> str:
+        """Where x must lie, in words."""
+        off = f"{100 * self.within:.3g} %" if self.within else f"{self.off:.3g}"
+        parts = [f"{self.value:.6g} ± {off}"] if self.value is not None else []
+        parts += [f"> {self.above:.4g}"] if self.above is not None else []
+        parts += [f"< {self.below:.4g}"] if self.below is not None else []
+        return ", ".join(parts)
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A hard case."""
+
+    id: str  # its name; what stands before the first `-` is its group
+    what: str  # in words
+    case: str  # of the catalogue, or a scene file below `DATA`
+    why: str = ""  # where the expectation is from
+    set: Mapping[str, Any] = field(default_factory=dict)  # values by dotted key
+    # Values of a sweep by dotted key; empty: a single run.
+    vary: Mapping[str, Sequence[float]] = field(default_factory=dict)
+    outcome: str = "solves"  # `solves`, `fails` (and must name the cause), `either`, or `open` (nothing is claimed)
+    reason: str = ""  # pattern of the cause; `unlike`: what must not be said
+    unlike: str = ""
+    warns: str = ""  # pattern of what must be said of a solved one
+    expect: tuple[Expectation, ...] = ()  # of a solved one, of a sweep also if it ended early
+    note: str = ""  # where it departs from what was asked for, and why
+    quick: bool = False  # part of the short selection
+    limit: float = 120.0  # s of wall-clock time
+
+    def __post_init__(self) -> None:
+        """Refuse what contradicts itself."""
+        if self.outcome not in OUTCOMES or (self.outcome in ("fails", "either")) != bool(self.reason):
+            raise ValueError(f"{self.id}: outcome {self.outcome!r} with the reason {self.reason!r}")
+        for pattern in (self.reason, self.unlike, self.warns):
+            re.compile(pattern)
+
+    def scene(self) -> Scene:
+        """Return what is solved; SceneError: it is refused."""
+        scene = CASES[self.case] if self.case in CASES else load_scene(DATA / self.case)
+        return with_values(scene, {**PLAIN, **self.set, "solver.time_limit": self.limit})
+
+
+def numbers_of(of: str) -> tuple[str, str, float | None, int | None, tuple[float, float] | None]:
+    """Return form (`max`, `path`, `rise`, `size` or empty), name, time (s), row of a sweep and point (m) of an `of`."""
+    found = _OF.fullmatch(of)
+    assert found is not None
+    form, name, time, row, x, y = found.groups()
+    point = (float(x), float(y)) if x else None
+    return form or "", name, float(time) if time else None, int(row) if row else None, point
+
+
+@cache
+def load() -> tuple[dict[str, str], dict[str, Entry]]:
+    """Return the titles of the groups by name, and all entries by id."""
+    titles, entries = {}, {}
+    for path in sorted(DATA.glob("*.toml")):
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+        group = path.stem.partition("-")[0]
+        titles[group] = table["title"]
+        for name, own in table["scene"].items():
+            values = {**table.get("default", {}), **own}
+            values |= {key: _flat(values.get(key, {})) for key in ("set", "vary")}
+            expect = tuple(Expectation(**item) for item in values.pop("expect", []))
+            entries[f"{group}-{name}"] = Entry(id=f"{group}-{name}", expect=expect, **values)
+    for entry in entries.values():
+        if missing := [item.per for item in entry.expect if item.per and item.per not in entries]:
+            raise ValueError(f"{entry.id} compares with {missing[0]}, which is not there")
+    return titles, entries
+
+
+def _flat(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for key, value in table.items():
+        found |= _flat(value, f"{prefix}{key}.") if isinstance(value, dict) else {f"{prefix}{key}": value}
+    return found
+
+
+def select(entries: Mapping[str, Entry], only: str | None = None) -> list[Entry]:
+    """Return the entries that match one of the patterns, separated by commas, and those that they compare with."""
+    patterns = [pattern.strip() for pattern in (only or "*").split(",")]
+    if unused := [pattern for pattern in patterns if not fnmatch.filter(entries, pattern)]:
+        raise InputError(f"--only: no hard case matches {unused[0]!r}; names look like {', '.join([*entries][:3])}")
+    found: set[str] = set()
+    todo = {name for pattern in patterns for name in fnmatch.filter(entries, pattern)}
+    while todo:  # those that they compare with, directly or not
+        found |= todo
+        todo = {item.per for name in todo for item in entries[name].expect if item.per} - found
+    return [entry for name, entry in entries.items() if name in found]
+
 
 CSV, MARKDOWN = "hard.csv", "hard.md"
 RUNS = Path("runs/hard")
@@ -76,13 +210,6 @@ class Outcome:
             found = None
         return math.nan if found is None else float(found)
 
-    def at(self, name: str, point: tuple[float, float]) -> float:
-        """Return a field at a point (m); NaN where there is none."""
-        try:
-            return load_result(self.directory).at(*point)[name]
-        except (InputError, ValueError, KeyError):
-            return math.nan
-
     @cached_property
     def history(self) -> pd.DataFrame:
         """One row per step; no rows where there were none."""
@@ -90,10 +217,7 @@ class Outcome:
 
 
 def run_all(entries: Sequence[Entry], runs: Path, jobs: int = 1) -> dict[str, Outcome]:
-    """Run entries, `jobs` at a time, or what is missing of them; return by id whatever became of them.
-
-    A folder in `runs` that the present scene, script and limit have filled is read.
-    """
+    """Run entries, `jobs` at a time, or read what the present scene, script and limit have left; return all by id."""
     find_freefem()
     runs.mkdir(parents=True, exist_ok=True)
     return side_by_side({entry.id: partial(run, entry, runs) for entry in entries}, jobs, "verify --hard")
@@ -131,7 +255,7 @@ def _digest(entry: Entry, scene: Scene) -> str:
     """Return what says whether an entry must run again: its own values and files, and the script of today."""
     found = hashlib.sha256(repr((entry.case, dict(entry.set), dict(entry.vary), entry.limit)).encode())
     found.update(render(scene, mumps=find_freefem().has_mumps).encode())
-    for path in entry.files:
+    for path in [] if entry.case in CASES else sorted((DATA / entry.case).parent.iterdir()):
         found.update(path.read_bytes())
     return found.hexdigest()
 
@@ -177,20 +301,16 @@ COSTS = ("iterations", "factorizations", "imbalance", "points")
 """Numbers that make a result not wrong, but failed."""
 
 
-@dataclass(frozen=True)
-class Verdict:
-    """A verdict, and what it rests on."""
+class Verdict(NamedTuple):
+    """A verdict, one of `VERDICTS`, and what came out beside what is expected, or the reason of the failure."""
 
-    word: str  # one of `VERDICTS`
-    # What came out beside what is expected, one text per expectation; or the reason of the failure.
+    word: str
     shown: Sequence[str]
 
 
 def judge(own: Outcome, outcomes: Mapping[str, Outcome]) -> Verdict:
     """Return the verdict on an outcome; `outcomes` holds those that it is compared with."""
-    entry = own.entry
-    said = "; ".join([own.reason, *own.warnings])
-    failed = [own.reason or own.failure]
+    entry, said, failed = own.entry, "; ".join([own.reason, *own.warnings]), [own.reason or own.failure]
     if own.failure == ERROR:
         return Verdict(FAILED, failed)
     if entry.unlike and re.search(entry.unlike, said):
@@ -255,7 +375,9 @@ def measure(item: Expectation, own: Outcome, other: Outcome | None) -> float:
 def _number(of: str, outcome: Outcome) -> float:
     form, name, time, row, point = numbers_of(of)
     if point is not None:
-        return outcome.at(name, point)
+        with contextlib.suppress(InputError, ValueError, KeyError):
+            return load_result(outcome.directory).at(*point)[name]
+        return math.nan
     if form == "rise":
         values = [outcome.value(name, i) for i, point in enumerate(outcome.rows) if point]
         return float(np.diff(values).min()) if len(values) > 1 else math.nan
@@ -273,17 +395,19 @@ def _number(of: str, outcome: Outcome) -> float:
 
 
 def main(*, jobs: int = 1, out: Path | None = None, runs: Path = RUNS, only: str | None = None) -> list[str]:
-    """Run the hard cases, print what is not as expected, and write all down. A second call runs what is missing.
-
-    `only` are patterns of names such as `h-*,k-creep`. A wrong number or cause is the failure `check`.
-    """
+    """Run the hard cases (`only` such as `h-*,k-creep`), and write all down; what is wrong is the failure `check`."""
     study = Study("verify --hard" + (f" --only '{only}'" if only else ""), out)
     titles, entries = load()
     outcomes = run_all(select(entries, only), runs, jobs)
     verdicts = {name: judge(outcome, outcomes) for name, outcome in outcomes.items()}
     frame = pd.DataFrame([_row(outcome, verdicts[name]) for name, outcome in outcomes.items()])
     bad = frame[~frame["verdict"].isin(GOOD)].to_dict("records")
-    counted, wrong = counts(frame, titles), table(bad, WRONG_COLUMNS, left=3)
+    groups = frame["id"].str.partition("-")[0]
+    rows = []
+    for title, own in [*((title, frame[groups == key]) for key, title in titles.items()), ("all", frame)]:
+        found = Counter(own["verdict"])
+        rows += [[title, str(len(own)), *(str(found[word] or "") for word in VERDICTS)]] if len(own) else []
+    counted, wrong = TextTable(["group", "cases", *VERDICTS], rows), table(bad, WRONG_COLUMNS, left=3)
     counted.print()
     parts: list[str | TextTable] = ["# Hard cases", study.written({"freefem": o.freefem} for o in outcomes.values())]
     parts += [EXPLANATION, counted]
@@ -291,26 +415,12 @@ def main(*, jobs: int = 1, out: Path | None = None, runs: Path = RUNS, only: str
         wrong.print()
         parts += ["## Not as expected", wrong]
     for group, title in titles.items():
-        if own := [row for row in frame.to_dict("records") if row["id"].partition("-")[0] == group]:
-            parts += [f"## {title}", table(own, CASE_COLUMNS, left=4)]
+        if (groups == group).any():
+            parts += [f"## {title}", table(frame[groups == group].to_dict("records"), CASE_COLUMNS, left=4)]
     study.write({CSV: lambda: frame, MARKDOWN: lambda: markdown(parts) + "\n"}, digits=None)
-    return ["" if verdict.word in GOOD else _failure(outcomes[name], verdict) for name, verdict in verdicts.items()]
-
-
-def _failure(outcome: Outcome, verdict: Verdict) -> str:
-    known = outcome.failure in ("not-converged", "not-reached", "stopped", "crash")
-    return outcome.failure if verdict.word == FAILED and known else "check"
-
-
-def counts(frame: pd.DataFrame, titles: Mapping[str, str]) -> TextTable:
-    """Return how many cases of each group have which verdict."""
-    groups = frame["id"].str.partition("-")[0]
-    rows = []
-    for title, own in [*((title, frame[groups == key]) for key, title in titles.items()), ("all", frame)]:
-        if len(own):
-            found = Counter(own["verdict"])
-            rows.append([title, str(len(own)), *(str(found[word] or "") for word in VERDICTS)])
-    return TextTable(["group", "cases", *VERDICTS], rows)
+    known = frame["failure"].isin(("not-converged", "not-reached", "stopped", "crash"))
+    failures = frame["failure"].where((frame["verdict"] == FAILED) & known, "check")
+    return failures.where(~frame["verdict"].isin(GOOD), "").tolist()
 
 
 def _shown(row: Mapping[str, Any]) -> str:

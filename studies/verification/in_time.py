@@ -9,7 +9,6 @@ from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -18,14 +17,12 @@ from ffsi.report.curves import LINES, MARKERS
 from ffsi.report.history import time_history
 from ffsi.result.in_time import last_period
 from ffsi.result.oscillation import BLOCK as PERIODS
-from ffsi.result.oscillation import Oscillation, blocks, reference_column
+from ffsi.result.oscillation import blocks, reference_column
 from ffsi.result.pictures import FAINT, INK, to_small_png
 from ffsi.result.published import references
 from ffsi.scene import CASES, Scene, load_scene
-from studies.harness import Study
-from studies.pictures import dress, over_seconds
-from studies.runs import PLAIN, Run, run_all
-from studies.tables import Column, TextTable, bounded, columns, markdown, table
+from studies.harness import PLAIN, Place, Run, Study, run_all
+from studies.tables import Column, TextTable, bounded, columns, dress, markdown, over_seconds, table
 
 BLOCK = "verification-unsteady"
 CSV, MARKDOWN, PICTURE = (f"{BLOCK}.{ending}" for ending in ("csv", "md", "png"))
@@ -64,23 +61,20 @@ class Compared:
     def value(self, quantities: Mapping[str, Any]) -> float:
         """Return the number from the quantities of a run (SI); NaN if the run has no period."""
         parts = quantities.get(self.quantity)
-        return self._of(parts) if isinstance(parts, Mapping) else math.nan
+        names = ("mean", "amplitude", "frequency")
+        known: Mapping[str, Any] = parts if isinstance(parts, Mapping) else {}
+        numbers = {name: math.nan if known.get(name) is None else float(known[name]) for name in names}
+        mean, amplitude, _ = numbers.values()
+        return {**numbers, "maximum": mean + amplitude, "peak-to-peak": 2 * amplitude}[self.part]
 
     def published(self, case: str) -> float:
         """Return the published number, SI; KeyError: there is none."""
-        return self._of(vars(references(case)[self.quantity]))
+        return self.value({self.quantity: vars(references(case)[self.quantity])})
 
     def error(self, case: str, quantities: Mapping[str, Any]) -> float:
         """Return (value - published) / |published|; NaN if the run has no period."""
         published = self.published(case)
         return (self.value(quantities) - published) / abs(published)
-
-    def _of(self, parts: Mapping[str, Any]) -> float:
-        mean, amplitude, frequency = (
-            math.nan if parts.get(name) is None else float(parts[name]) for name in ("mean", "amplitude", "frequency")
-        )
-        sums = {"maximum": mean + amplitude, "peak-to-peak": 2 * amplitude}
-        return {"mean": mean, "amplitude": amplitude, "frequency": frequency, **sums}[self.part]
 
 
 @dataclass(frozen=True)
@@ -118,12 +112,6 @@ class Plan:
     def scene(self) -> Scene:
         """What is solved."""
         return load_scene(self.case.name, [f"mesh.level={self.level}", f"time.step={self.step!r}", *PLAIN])
-
-    @property
-    def is_default(self) -> bool:
-        """Whether mesh and time step are those of the catalogue."""
-        scene = CASES[self.case.name]
-        return scene.time is not None and (self.level, self.step) == (scene.mesh.level, scene.time.step)
 
 
 def _beam(ux: float, uy: float, drag: float, lift: float, frequency: float) -> tuple[Compared, ...]:
@@ -184,10 +172,7 @@ def line(plan: Plan, run: Run) -> dict[str, Any]:
 
 
 def costs(run: Run, step: float, complete: bool, largest: float = math.inf) -> dict[str, Any]:
-    """Return what `COSTS` show of a run with a time `step` in s.
-
-    `!` marks another end than it should have (not `complete`), and more unknowns than `largest`.
-    """
+    """Return what `COSTS` show of a run; `!`: not complete, or more unknowns than `largest`; `step` in s."""
     unknowns = run.data.get("unknowns")
     return run.steps | {
         "step": step,
@@ -202,15 +187,17 @@ COSTS = columns(
     "iterations = iterations_per_step :.1f | rebuilds = rebuilds_per_100_steps :.1f"
 )
 CHECK = Column("check", "check_maximum", "{:.0e}")
+SIZES = {"unknowns": "Int64", "triangles": "Int64"}
+Cases = Sequence[PeriodicCase]
 Outcomes = Sequence[tuple[Plan, Run]]
 
 
 def case_table(case: PeriodicCase, outcomes: Outcomes) -> TextTable:
     """Return one row per run of a case, with the errors; `!` marks what is above its bound, or is not there."""
     rows = []
-    for plan, run in outcomes:
+    for i, (plan, run) in enumerate(outcomes):
         complete = bool(run.failure or run.in_time.get("periodic"))
-        row = {"level": plan.level} | costs(run, plan.step, complete, LARGEST if plan.is_default else math.inf)
+        row = {"level": plan.level} | costs(run, plan.step, complete, math.inf if i else LARGEST)
         errors = {part.name: part.error(case.name, run.quantities) for part in case.compared if not run.failure}
         rows.append(row | errors)
     compared = [bounded(part.title, part.name, part.bound) for part in case.compared]
@@ -218,19 +205,15 @@ def case_table(case: PeriodicCase, outcomes: Outcomes) -> TextTable:
 
 
 def main(
-    *,
-    jobs: int = 1,
-    out: Path | None = None,
-    readme: Path | None = None,
-    runs: Path = RUNS,
-    cases: Sequence[PeriodicCase] = PERIODIC_CASES,
+    *, jobs: int = 1, out: Place = None, readme: Place = None, runs: Path = RUNS, cases: Cases = PERIODIC_CASES
 ) -> list[str]:
     """Run every case until it is periodic, print errors and costs, and write them down. A second call goes on."""
     study = Study("verify --unsteady", out, readme, [BLOCK])
     plans = [plan for case in cases for plan in case.plans]
     done = run_all({plan.name: plan.scene for plan in plans}, runs, jobs, study.command)
     outcomes = list(zip(plans, done, strict=True))
-    tables = [case_table(case, _of(case, outcomes)) for case in cases]
+    groups = {case: [item for item in outcomes if item[0].case == case] for case in cases}
+    tables = [case_table(*group) for group in groups.items()]
     for item in tables:
         item.print()
     written = study.written(run.data for run in done)
@@ -238,30 +221,21 @@ def main(
     title = "Last periods, and errors over seconds"
     parts = ["# Verification of the cases in time", written, EXPLANATION, shown, f"![{title}]({PICTURE})"]
     study.write({
-        CSV: lambda: to_frame(outcomes),
+        CSV: lambda: pd.DataFrame([line(*item) for item in outcomes]).astype(SIZES),
         MARKDOWN: lambda: markdown(parts) + "\n",
-        PICTURE: lambda: to_small_png(draw(cases, outcomes)),
+        PICTURE: lambda: to_small_png(draw(groups)),
     })  # fmt: skip
     text = f"{shown}\n\n{written} {EXPLANATION}{study.links(title, [PICTURE])}"
     return study.publish([run.failure for run in done], {BLOCK: text})
 
 
-def _of(case: PeriodicCase, outcomes: Outcomes) -> Outcomes:
-    return [(plan, run) for plan, run in outcomes if plan.case == case]
-
-
-def to_frame(outcomes: Outcomes) -> pd.DataFrame:
-    """Return one row per run, as of `line`."""
-    return pd.DataFrame([line(*item) for item in outcomes]).astype({"unknowns": "Int64", "triangles": "Int64"})
-
-
-def draw(cases: Sequence[PeriodicCase], outcomes: Outcomes) -> Figure:
+def draw(groups: Mapping[PeriodicCase, Outcomes]) -> Figure:
     """Draw, for each case, the last periods of u_y or the lift, and |error| over the seconds of the script."""
-    figure = Figure(figsize=(13, 3.6 * len(cases)), layout="constrained", facecolor="white")
-    grid = figure.subplots(len(cases), 2, squeeze=False)
-    for (left, right), case in zip(grid, cases, strict=True):
-        _signals(left, case, _of(case, outcomes))
-        _errors(right, case, [(plan, run) for plan, run in _of(case, outcomes) if not run.failure])
+    figure = Figure(figsize=(13, 3.6 * len(groups)), layout="constrained", facecolor="white")
+    grid = figure.subplots(len(groups), 2, squeeze=False)
+    for (left, right), (case, outcomes) in zip(grid, groups.items(), strict=True):
+        _signals(left, case, outcomes)
+        _errors(right, case, [(plan, run) for plan, run in outcomes if not run.failure])
         for axes in (left, right):
             dress(axes)
             if axes.get_legend_handles_labels()[0]:
@@ -279,12 +253,9 @@ def _signals(axes: Axes, case: PeriodicCase, outcomes: Outcomes) -> None:
             continue
         periods = (history["time"] - period.end) / (period.end - period.start)
         part = (periods >= -SHOWN_PERIODS) & (periods <= 0.5)
-        style: dict[str, Any] = {
-            "linewidth": 1.3,
-            "color": LINES[i % len(LINES)],
-            "linestyle": ("-", "--", "-.", ":")[i % 4],
-        }
-        axes.plot(periods[part], history[name][part], label=f"level {plan.level}, dt {plan.step:g} s", **style)
+        label, dashes = f"level {plan.level}, dt {plan.step:g} s", ("-", "--", "-.", ":")[i % 4]
+        style: dict[str, Any] = {"label": label, "linewidth": 1.3, "color": LINES[i % len(LINES)], "linestyle": dashes}
+        axes.plot(periods[part], history[name][part], **style)
         axes.set_ylabel(SIGNALS[name], color=INK)
     published = references(case.name).get("tip_uy" if "tip_uy" in references(case.name) else "lift")
     if published is not None and published.mean is not None and published.amplitude is not None:
@@ -300,18 +271,13 @@ def _errors(axes: Axes, case: PeriodicCase, outcomes: Outcomes) -> None:
     for i, part in enumerate(case.compared):
         colour = LINES[i % len(LINES)]
         for j, step in enumerate(dict.fromkeys(plan.step for plan, _ in outcomes)):
-            found = [
-                (run.seconds, part.error(case.name, run.quantities)) for plan, run in outcomes if plan.step == step
-            ]
-            points = [(seconds, 100 * abs(error)) for seconds, error in found if math.isfinite(error)]
-            style: dict[str, Any] = {
-                "color": colour,
-                "markerfacecolor": "white" if j else colour,
-                "label": "_" if j else part.title,
-            }
+            own = [run for plan, run in outcomes if plan.step == step]
+            found = [(run.seconds, 100 * abs(part.error(case.name, run.quantities))) for run in own]
+            points = [point for point in found if math.isfinite(point[1])]
+            style: dict[str, Any] = {"color": colour, "marker": MARKERS[i % len(MARKERS)], "markersize": 5}
+            style |= {"markerfacecolor": "white" if j else colour, "label": "_" if j else part.title}
             if points:
-                marker = MARKERS[i % len(MARKERS)]
-                axes.plot(*zip(*points, strict=True), marker=marker, linewidth=1.0, markersize=5, **style)
+                axes.plot(*zip(*points, strict=True), linewidth=1.0, **style)
     over_seconds(axes)
     if axes.lines:
         axes.yaxis.set_major_formatter("{x:g}")
@@ -364,37 +330,36 @@ class LongRun:
         return not self.run.failure and float(self.run.in_time.get("reached", 0.0)) >= self.case.end * (1 - 1e-9)
 
     @cached_property
-    def blocks(self) -> list[Oscillation]:
-        """The successive blocks of two periods."""
+    def blocks(self) -> list[dict[str, Any]]:
+        """Of each block of two periods its numbers, change relative to its own amplitude, and smallest J."""
         history = self.run.history
         try:
-            return blocks(history["time"], history[SIGNAL]) if len(history) else []
+            found = blocks(history["time"], history[SIGNAL]) if len(history) else []
         except ValueError:  # a value is not finite
-            return []
-
-    @property
-    def lines(self) -> list[dict[str, Any]]:
-        """Of each block start, end, frequency, mean and amplitude, its change relative to its own, and smallest J."""
-        if not self.blocks:
-            return []
-        times, values = (self.run.history[name].to_numpy(dtype=np.float64) for name in ("time", "min_jacobian"))
-        before = [math.nan, *(block.amplitude for block in self.blocks)]
+            found = []
+        before = [math.nan, *(block.amplitude for block in found)]
         return [
             {
                 "block": count,
                 **{name: getattr(block, name) for name in ("start", "end", "frequency", "mean", "amplitude")},
                 "change": (block.amplitude - last) / block.amplitude,
-                "min_jacobian": float(values[(times >= block.start) & (times <= block.end)].min()),
+                "min_jacobian": float(history["min_jacobian"][history["time"].between(block.start, block.end)].min()),
             }
-            for count, (last, block) in enumerate(zip(before, self.blocks, strict=False), start=1)
+            for count, (last, block) in enumerate(zip(before, found, strict=False), start=1)
         ]
+
+    def draw(self) -> Figure | None:
+        """Draw the history, and its last period."""
+        end = self.blocks[-1]["end"] if self.blocks else math.nan
+        period = (end - (end - self.blocks[-1]["start"]) / PERIODS, end) if self.blocks else None
+        return time_history(self.run.history, period)
 
 
 def summary_table(runs: Sequence[LongRun]) -> TextTable:
     """Return one row per run: costs, amplitude and J of the last block, and the last change with its bound."""
     rows = []
     for item in runs:
-        time, lines = CASES[item.case.name].time, item.lines
+        time, lines = CASES[item.case.name].time, item.blocks
         assert time is not None
         row = {"case": item.case.name, "blocks": len(lines)} | costs(item.run, time.step, item.complete)
         row |= {"amplitude": lines[-1]["amplitude"] if lines else None, "change": math.nan}
@@ -420,17 +385,12 @@ def long_frame(runs: Iterable[LongRun]) -> pd.DataFrame:
         run = item.run
         common = {"case": item.case.name, "level": run.level, "unknowns": run.data.get("unknowns")}
         common |= {"complete": item.complete, "reached": run.in_time.get("reached"), "check_maximum": run.check_maximum}
-        rows += [common | block for block in item.lines] or [common]
+        rows += [common | block for block in item.blocks] or [common]
     return pd.DataFrame(rows)
 
 
 def main_long(
-    *,
-    jobs: int = 1,
-    out: Path | None = None,
-    readme: Path | None = None,
-    runs: Path = RUNS,
-    cases: Sequence[LongCase] = LONG_CASES,
+    *, jobs: int = 1, out: Place = None, readme: Place = None, runs: Path = RUNS, cases: Sequence[LongCase] = LONG_CASES
 ) -> list[str]:
     """Run the long cases, print amplitudes and J of their blocks, and write them down. A second call goes on."""
     study = Study("verify --long", out, readme, ["long"])
@@ -439,11 +399,11 @@ def main_long(
     summary = summary_table(found)
     summary.print()
     written = study.written(run.data for run in done)
-    drawn = {item.case.picture: figure for item in found if (figure := _draw(item)) is not None}
+    drawn = {item.case.picture: figure for item in found if (figure := item.draw()) is not None}
     parts: list[str | TextTable] = ["# Long runs", written, LONG_TEXT, summary]
     for item in found:
         parts += [f"## {item.case.name}", f"![{item.case.name} over time]({item.case.picture})"]
-        parts.append(table(item.lines, BLOCK_COLUMNS, title=item.case.name))
+        parts.append(table(item.blocks, BLOCK_COLUMNS, title=item.case.name))
     study.write({
         LONG_CSV: lambda: long_frame(found),
         LONG_MARKDOWN: lambda: markdown(parts) + "\n",
@@ -453,9 +413,3 @@ def main_long(
     return study.publish(
         [run.failure for run in done], {"long": f"{summary.markdown()}\n\n{written} {LONG_TEXT}{files}"}
     )
-
-
-def _draw(item: LongRun) -> Figure | None:
-    last = item.blocks[-1] if item.blocks else None
-    period = (last.end - (last.end - last.start) / PERIODS, last.end) if last else None
-    return time_history(item.run.history, period)

@@ -39,10 +39,7 @@ class ReferenceSet:
 
 @cache
 def reference_sets(case: str, variant: str = "") -> list[ReferenceSet]:
-    """Return what is known about a variant of a case, the published benchmark values first.
-
-    Periodic values (those with an amplitude) are left out.
-    """
+    """Return what is known about a variant of a case, published values first; those with an amplitude are left out."""
     published = {} if variant else references(case)
     steady = {name: item.mean for name, item in published.items() if item.amplitude is None and item.mean is not None}
     found = [ReferenceSet("Featflow" if case.startswith("turek") else "DFG", steady)] if steady else []

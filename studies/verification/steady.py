@@ -13,8 +13,7 @@ import pandas as pd
 
 from ffsi.cli import show
 from ffsi.scene import CASES, load_scene
-from studies.harness import Study
-from studies.runs import Run, solved
+from studies.harness import Run, Study, solved
 from studies.tables import Column, TextTable, columns, markdown, number, percent, table, unsigned
 from studies.verification.sources import COLUMNS, compared, reference_sets
 
@@ -137,17 +136,13 @@ def cavity_table(runs: Iterable[Run]) -> TextTable:
     return table(rows, columns("source | u_y(4, -1) in m = tip_uy :.5f | F_y in N/m = lift :.4f"))
 
 
-def short(runs: Sequence[Run]) -> list[Run]:
-    """Return what is shown briefly: every level of the cases in `FINEST`, level 2 (or the finest run) of the others."""
-    chosen = []
+def brief_benchmarks(runs: Sequence[Run]) -> Parts:
+    """Return every level of the cases in `FINEST`, level 2 (or the finest run) of the others; the cavity's finest."""
+    chosen, cavity = [], [own[-2:] for own in by_variant(runs) if own[0].name == CAVITY]
     for own in by_variant(runs):
         near = [run for run in own if run.level == SHORT_LEVEL] or own[-1:]
         chosen += own if own[0].name in FINEST else near
-    return chosen
-
-
-def _two_finest(runs: Iterable[Run]) -> list[Run]:
-    return sorted((run for run in runs if run.name == CAVITY), key=lambda run: run.level)[-2:]
+    return [error_table(chosen), CAVITY_TITLE, cavity_table(*cavity)]
 
 
 BENCHMARKS = Section(
@@ -155,40 +150,31 @@ BENCHMARKS = Section(
     "",
     [Variant(case, levels=range(FINEST.get(case, 3) + 1)) for case in CASES.steady if reference_sets(case)],
     lambda runs: [error_table(runs), CAVITY_TITLE, cavity_table(runs)],
-    lambda runs: [error_table(short(runs)), CAVITY_TITLE, cavity_table(_two_finest(runs))],
+    brief_benchmarks,
 )
 
 # Cook's membrane ----------------------------------------------------------------------------------------------------
 
 TIP = "tip_uy"
-_SOLID = "solid.membrane"
-_TEXT, _THIRD = "linear elasticity, E 70, ν 1/3, t 6.25", f"{_SOLID}.poisson_ratio={1 / 3!r}"
-_LINEAR = (f"{_SOLID}.young_modulus=70", _THIRD)
-LINEAR = Variant("cook", "linear", _TEXT, _LINEAR, loads=(3.125e-3, 6.25e-3), load=6.25)
-NEO_HOOKEAN = Variant(
-    "cook",
-    "neo-hookean",
-    "neo-Hookean, E 200, ν 0.35, t 4",
-    (f"{_SOLID}.young_modulus=200", f"{_SOLID}.poisson_ratio=0.35", "traction.y=4"),
-)
-_SOFT = 'material = "neo-hookean", density = 1.0, young_modulus = 3.0, formulation = "incompressible"'
-INCOMPRESSIBLE = Variant(
-    "cook",
-    "incompressible",
-    "incompressible neo-Hookean, E 3, t 0.05",
-    (f"{_SOLID}={{{_SOFT}}}", "traction.y=0.05"),
-)
-_NEARLY = (f"{_SOLID}.young_modulus=240.565", f"{_SOLID}.poisson_ratio=0.4999", "traction.y=6.25")
-NEARLY_INCOMPRESSIBLE = Variant(
-    "cook",
-    "nearly-incompressible",
-    "neo-Hookean, E 240.565, ν 0.4999, t 6.25, mixed",
-    (*_NEARLY, f"{_SOLID}.formulation=mixed"),
-)
+
+
+def _membrane(name: str, text: str, young: float, poisson: float, *more: str, **options: Any) -> Variant:
+    solid = (f"solid.membrane.young_modulus={young!r}", f"solid.membrane.poisson_ratio={poisson!r}")
+    return Variant("cook", name, text, (*solid, *more), **options)
+
+
+_MIXED = "solid.membrane.formulation=mixed"
+_SOFT = '{material = "neo-hookean", density = 1.0, young_modulus = 3.0, formulation = "incompressible"}'
+_SETTINGS = (f"solid.membrane={_SOFT}", "traction.y=0.05")
+_NEARLY, _LOADS = (240.565, 0.4999, "traction.y=6.25"), (3.125e-3, 6.25e-3)
+LINEAR = _membrane("linear", "linear elasticity, E 70, ν 1/3, t 6.25", 70, 1 / 3, loads=_LOADS, load=6.25)
+NEO_HOOKEAN = _membrane("neo-hookean", "neo-Hookean, E 200, ν 0.35, t 4", 200, 0.35, "traction.y=4")
+INCOMPRESSIBLE = Variant("cook", "incompressible", "incompressible neo-Hookean, E 3, t 0.05", _SETTINGS)
+_TEXT = "neo-Hookean, E 240.565, ν 0.4999, t 6.25, mixed"
+NEARLY_INCOMPRESSIBLE = _membrane("nearly-incompressible", _TEXT, *_NEARLY, _MIXED)
 # From rest its Newton iterations are many hundreds, all the more on finer meshes: the coarsest one shows the locking.
-DISPLACEMENT = Variant(
-    "cook", f"{NEARLY_INCOMPRESSIBLE.name}-displacement", "the same in displacements only", _NEARLY, (0,)
-)
+_NAME = f"{NEARLY_INCOMPRESSIBLE.name}-displacement"
+DISPLACEMENT = _membrane(_NAME, "the same in displacements only", *_NEARLY, levels=(0,))
 MEMBRANES = (LINEAR, NEO_HOOKEAN, INCOMPRESSIBLE, NEARLY_INCOMPRESSIBLE, DISPLACEMENT)
 TEXTS = {variant.name: variant.text for variant in MEMBRANES}
 COOK_TEXT = (
@@ -295,42 +281,36 @@ FLAPS_TEXT = (
 FLAP_VALUES = columns("u_x in m = tip_ux :.5g | u_y in m = tip_uy :.5g | drag in N/m = drag :.5g")
 
 
-def tip_difference(coarse: Run, fine: Run) -> float:
-    """Return the length of the difference of the tip's displacements over the finer one's; NaN without a value."""
+def differences(coarse: Run, fine: Run) -> dict[str, float]:
+    """Return the sizes of the relative differences of the tip's displacement (a vector) and of the drag."""
     first, second = ([run.value(name) for name in ("tip_ux", "tip_uy")] for run in (coarse, fine))
-    return math.dist(first, second) / math.hypot(*second)
-
-
-def drag_difference(coarse: Run, fine: Run) -> float:
-    """Return the size of the relative difference of the drags; NaN without a value."""
-    return abs(coarse.value("drag") / fine.value("drag") - 1)
-
-
-DIFFERENCES = {"tip": tip_difference, "drag": drag_difference}
+    drag = abs(coarse.value("drag") / fine.value("drag") - 1)
+    return {"tip": math.dist(first, second) / math.hypot(*second), "drag": drag}
 
 
 def flap_table(runs: Iterable[Run]) -> TextTable:
     """Return one row per run: tip, drag, their differences from the level before, the checker's largest number."""
-    rows = [
-        _row(run)
-        | {f"{name}_change": unsigned(of(before, run)) if before else None for name, of in DIFFERENCES.items()}
-        for own in by_variant(runs)
-        for before, run in zip([None, *own], own, strict=False)
-    ]
-    changes = [Column(name, f"{name}_change") for name in DIFFERENCES]
+    rows = []
+    for own in by_variant(runs):
+        for before, run in zip([None, *own], own, strict=False):
+            found = differences(before, run) if before else {}
+            rows.append(_row(run) | {f"{name}_change": unsigned(value) for name, value in found.items()})
+    changes = columns("tip = tip_change | drag = drag_change")
     return table(rows, [Column("case", "case"), *SIZES, *FLAP_VALUES, *changes, CHECK])
 
 
 def difference_table(runs: Sequence[Run]) -> TextTable:
     """Return one row per case: the finest values, and all differences between successive levels."""
+    rows = []
+    for own in by_variant(runs):
+        row = _row(own[-1])
+        for coarse, fine in pairwise(own):
+            found = differences(coarse, fine)
+            row |= {f"{name} {coarse.level}-{fine.level}": unsigned(value) for name, value in found.items()}
+        rows.append(row)
     steps = list(pairwise(sorted({run.level for run in runs})))
-    names = [f"{name} {coarse}-{fine}" for name in DIFFERENCES for coarse, fine in steps]
-    rows = [
-        _row(own[-1])
-        | dict(zip(names, (unsigned(of(*pair)) for of in DIFFERENCES.values() for pair in pairwise(own)), strict=True))
-        for own in by_variant(runs)
-    ]
-    return table(rows, [Column("case", "case"), *FLAP_VALUES, *(Column(name, name) for name in names)])
+    names = [f"{name} {coarse}-{fine}" for name in ("tip", "drag") for coarse, fine in steps]
+    return table(rows, [Column("case", "case"), *FLAP_VALUES, *columns("|".join(names))])
 
 
 FLAP_LEVELS = Section(
@@ -344,7 +324,6 @@ FLAP_LEVELS = Section(
 # All of it ----------------------------------------------------------------------------------------------------------
 
 SECTIONS = (BENCHMARKS, COOK, ELASTICA, FLAP_LEVELS)
-Runs = Sequence[tuple[Section, Sequence[Run]]]
 
 
 def main(*, out: Path | None = None, readme: Path | None = None) -> list[str]:
@@ -353,32 +332,26 @@ def main(*, out: Path | None = None, readme: Path | None = None) -> list[str]:
     shown = [section for section in SECTIONS if f"<!-- {section.block}:begin -->" in text]
     blocks = [BENCHMARKS.block, *(section.block for section in shown)]
     study = Study("verify", out, readme, blocks)
-    done = []
+    done: dict[str, list[Run]] = {}
+    parts: Parts = []
     for section in SECTIONS:
-        done.append((section, [measure(item, level) for item in section.variants for level in item.levels]))
-        for part in section.full(done[-1][1]):
+        own = done[section.block] = [measure(item, level) for item in section.variants for level in item.levels]
+        parts += [*([f"## {section.title}"] if section.title else []), *(full := section.full(own))]
+        for part in full:
             if isinstance(part, str):
                 show.note(part)
             else:
                 part.print()
-    runs = [run for _, own in done for run in own]
+    runs = [run for own in done.values() for run in own]
     written = study.written(run.data for run in runs)
-    study.write({CSV: lambda: to_frame(runs), MARKDOWN: lambda: document(done, written)})
+    document = markdown(["# Verification", written, EXPLANATION, *parts]) + "\n"
+    study.write({CSV: lambda: to_frame(runs), MARKDOWN: lambda: document})
     said = f"{written} {EXPLANATION}{study.links('All levels', [MARKDOWN])}"
     brief: dict[str, str] = {}
-    for section, own in done:
-        if section in shown:  # behind its table the first block says who wrote them
-            first, *rest = section.brief(own)
-            brief[section.block] = markdown([first, *([] if brief else [said]), *rest])
+    for section in shown:  # behind its table the first block says who wrote them
+        first, *rest = section.brief(done[section.block])
+        brief[section.block] = markdown([first, *([] if brief else [said]), *rest])
     return study.publish([run.failure for run in runs], brief)
-
-
-def document(done: Runs, written: str) -> str:
-    """Return `verification.md`: all levels of all sections."""
-    parts: Parts = ["# Verification", written, EXPLANATION]
-    for section, runs in done:
-        parts += [*([f"## {section.title}"] if section.title else []), *section.full(runs)]
-    return markdown(parts) + "\n"
 
 
 def to_frame(runs: Iterable[Run]) -> pd.DataFrame:

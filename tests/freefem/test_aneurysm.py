@@ -21,7 +21,7 @@ from ffsi.hemodynamics.walls import wall_labels, wall_points, wall_shear_stress
 from ffsi.report import write_report
 from ffsi.run.one_scene import solve
 from ffsi.scene import CASES, Scene
-from studies.verification.far_from_dome import far_flow
+from studies.verification.exact_flows import far_flow
 
 COMMAND = [sys.executable, "-c", "from ffsi.cli.main import main; main()"]
 RADII = 6e-3, 8e-3

@@ -4,8 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from studies.verification.hard import GOOD, Outcome, judge, run
-from studies.verification.hard_entries import load, select
+from studies.verification.hard import GOOD, Outcome, judge, load, run, select
 
 ENTRIES = load()[1]
 QUICK = [name for name, entry in ENTRIES.items() if entry.quick]

@@ -9,7 +9,7 @@ from run_folders import FakeCheck, FakeFreeFEM
 from time_folders import FakeTimeFreeFEM
 
 from ffsi.run import chain, execute, one_scene, sweep, watch
-from studies import runs
+from studies import harness
 from studies.bench import unsteady as bench_unsteady
 
 # A shell that starts the tests in the background ignores SIGINT, and so would the processes that they interrupt.
@@ -30,9 +30,9 @@ def freefem(monkeypatch) -> FakeFreeFEM:
 def in_time(monkeypatch) -> FakeTimeFreeFEM:
     fake = FakeTimeFreeFEM()
     monkeypatch.setattr(execute, "run_script", fake.run_script)
-    for module in (one_scene, chain, sweep, runs, bench_unsteady):
+    for module in (one_scene, chain, sweep, harness, bench_unsteady):
         monkeypatch.setattr(module, "find_freefem", lambda: SimpleNamespace(has_mumps=True))
-    for module in (execute, runs, bench_unsteady):
+    for module in (execute, harness, bench_unsteady):
         monkeypatch.setattr(module, "render", lambda scene, mumps: f"// {scene.name}, MUMPS {mumps}\n")
     monkeypatch.setattr(watch, "LOOK_EVERY", 0.0)
     monkeypatch.setattr(watch, "SHARE", math.inf)

@@ -13,7 +13,7 @@ from ffsi.run import watch
 from ffsi.scene import load_scene
 from studies.bench import unsteady as bench
 from studies.bench.unsteady import FINEST, TIME_STEPS
-from studies.runs import Run
+from studies.harness import Run, run_all
 from studies.tables import table
 
 README = "<!-- bench-unsteady:begin -->\nold\n<!-- bench-unsteady:end -->\n"
@@ -117,7 +117,7 @@ def test_a_failed_run_is_a_row_and_leaves_the_readme_alone(tmp_path, in_time, ch
 
 
 def test_without_a_checkpoint_there_is_nothing_to_start_from(tmp_path, in_time, check, short):
-    bench.develop(SIZE, tmp_path)
+    run_all({"small-developed": SIZE.scene(SIZE.developed)}, tmp_path)
     for name in folder.CHECKPOINTS:
         (tmp_path / "small-developed" / name).unlink(missing_ok=True)
     with pytest.raises(InputError, match="the checkpoint of t = 1 s is missing or was changed"):

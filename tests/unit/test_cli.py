@@ -221,7 +221,7 @@ def test_cases_are_listed(capsys):
 def test_paper_passes_its_options_on_and_ends_with_the_worst_failure(capsys, monkeypatch, failures, code):
     seen = []
 
-    monkeypatch.setattr("studies.paper.study.main", lambda **options: seen.append(options) or failures)
+    monkeypatch.setattr("studies.paper.flap.main", lambda **options: seen.append(options) or failures)
     words = ["--jobs", "2", "--out", "there", "--runs", "sweeps"]
     assert call(capsys, "paper", *words)[0] == code
     assert call(capsys, "paper")[0] == code

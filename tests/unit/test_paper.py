@@ -12,8 +12,8 @@ from run_folders import make_run
 
 from ffsi.files.errors import InputError
 from ffsi.scene import SceneError, load_scene
-from studies.paper import study, sweeps
-from studies.paper.sweeps import CASES, Curve, Outcome, PaperCase
+from studies.paper import flap
+from studies.paper.flap import CASES, Curve, Outcome, PaperCase
 
 KEY = "inflow.mean_velocity"
 FIGURES = ["figure-03-velocity.png", "figure-04-pressure.png", "figure-05-displacement.png", "figure-12-forces.png"]
@@ -25,7 +25,7 @@ def one(monkeypatch) -> PaperCase:
     curve = Curve("case-1", "coarse root", "flap-svk", (0.04, 0.08, 0.12))
     other = Curve("fine", "fine root", "flap-svk", (0.04, 0.08), ("mesh.root_size=0.005",))
     case = PaperCase(1, "St. Venant-Kirchhoff flap", curve, (other,))
-    monkeypatch.setattr(study, "main", partial(study.main, level=0, cases=[case]))
+    monkeypatch.setattr(flap, "main", partial(flap.main, level=0, cases=[case]))
     return case
 
 
@@ -63,24 +63,23 @@ def test_the_velocities_are_those_of_the_paper():
     assert first == (0.012, 0.024, 0.036, 0.048, 0.06, 0.072, 0.084, 0.096, 0.108, 0.12)
     assert second[:10] == third[:10] == (0.0055, 0.011, 0.0165, 0.022, 0.0275, 0.033, 0.0385, 0.044, 0.0495, 0.055)
     assert second[-1] == third[-1] == 0.12
-    assert all(tuple(sorted(curve.velocities)) == curve.velocities for curve in sweeps.all_curves(CASES))
+    assert all(tuple(sorted(curve.velocities)) == curve.velocities for case in CASES for curve in case.curves)
 
 
 def test_every_sweep_is_a_valid_scene_with_a_name_of_its_own():
-    curves = sweeps.all_curves(CASES)
-    scenes = sweeps.load_scenes(curves, 3)
-    assert len({curve.name for curve in curves}) == len(curves)
+    scenes = flap.load_scenes(CASES, 3)
+    assert len({curve.name for curve in scenes}) == len(scenes) == sum(len(case.curves) for case in CASES)
     assert {scene.mesh.level for scene in scenes.values()} == {3}
     bulk = {scenes[curve].solid["flap"].bulk_modulus for curve in CASES[2].curves}
     assert bulk == {5.6, 1.75e4}
     assert [set(scenes[case.curve].solid) for case in CASES] == [{"flap"}, {"flap", "roof"}, {"flap", "roof"}]
     with pytest.raises(SceneError, match=re.escape("mesh.level = 7")):
-        sweeps.load_scenes(curves, 7)
+        flap.load_scenes(CASES, 7)
 
 
 def test_the_study_writes_tables_figures_and_text_and_resumes(tmp_path, capsys, freefem, check, one):
     out, runs = tmp_path / "out", tmp_path / "runs"
-    assert study.main(jobs=2, out=out, runs=runs) == []
+    assert flap.main(jobs=2, out=out, runs=runs) == []
     assert sorted(path.name for path in out.iterdir()) == sorted([*FIGURES, "case-1.csv", "fine.csv", "paper.md"])
     assert sorted(freefem.solved) == [0.04, 0.04, 0.08, 0.08, 0.12]
     table = pd.read_csv(out / "case-1.csv")
@@ -97,14 +96,14 @@ def test_the_study_writes_tables_figures_and_text_and_resumes(tmp_path, capsys, 
     assert (runs / "level-0" / "fine" / "sweep.csv").is_file()
     assert re.search(r"case 1 +flap-svk +900 +3 of 3 +0\.12", capsys.readouterr().out)
     before = {path.name: path.read_bytes() for path in out.iterdir()}
-    assert study.main(out=out, runs=runs) == []
+    assert flap.main(out=out, runs=runs) == []
     assert len(freefem.solved) == 5
     assert {path.name: path.read_bytes() for path in out.iterdir()} == before
 
 
 def test_where_a_sweep_ends_stays_visible_and_is_no_failure(tmp_path, capsys, freefem, check, one):
     freefem.fail = 0.08
-    assert study.main(out=tmp_path / "out", runs=tmp_path / "runs") == []
+    assert flap.main(out=tmp_path / "out", runs=tmp_path / "runs") == []
     table = pd.read_csv(tmp_path / "out" / "case-1.csv")
     assert table["failure"].fillna("").tolist() == ["", "not-converged", "not-reached"]
     assert table["reason"][1] == "J too small"
@@ -125,7 +124,7 @@ def test_where_a_sweep_ends_stays_visible_and_is_no_failure(tmp_path, capsys, fr
 )
 def test_failures_are_returned(tmp_path, freefem, check, one, ending, velocity, failures):
     setattr(check if ending == "wrong" else freefem, ending, velocity)
-    assert set(study.main(out=tmp_path / "out", runs=tmp_path / "runs")) == failures
+    assert set(flap.main(out=tmp_path / "out", runs=tmp_path / "runs")) == failures
     text = (tmp_path / "out" / "paper.md").read_text()
     assert ("Figure 3: nothing was solved" in text) == (ending == "fail")
     assert (tmp_path / "out" / FIGURES[0]).is_file() == (ending != "fail")
@@ -133,19 +132,19 @@ def test_failures_are_returned(tmp_path, freefem, check, one, ending, velocity, 
 
 def test_bad_input_writes_nothing(tmp_path, freefem, check, one):
     with pytest.raises(SceneError):
-        study.main(level=9, out=tmp_path / "out", runs=tmp_path / "runs")
+        flap.main(level=9, out=tmp_path / "out", runs=tmp_path / "runs")
     assert list(tmp_path.iterdir()) == []
     (tmp_path / "file").write_text("mine")
     with pytest.raises(InputError, match="is a file"):
-        study.main(out=tmp_path / "file", runs=tmp_path / "runs")
+        flap.main(out=tmp_path / "file", runs=tmp_path / "runs")
     assert freefem.solved == []
 
 
 def test_sweeps_with_another_definition_are_refused(tmp_path, freefem, check, one):
-    study.main(out=tmp_path / "out", runs=tmp_path / "runs")
+    flap.main(out=tmp_path / "out", runs=tmp_path / "runs")
     changed = Curve("case-1", "coarse root", "flap-svk", (0.05, 0.08))
     with pytest.raises(InputError, match="another definition"):
-        study.main(cases=[PaperCase(1, "changed", changed)], out=tmp_path / "out", runs=tmp_path / "runs")
+        flap.main(cases=[PaperCase(1, "changed", changed)], out=tmp_path / "out", runs=tmp_path / "runs")
 
 
 def test_the_highest_velocity_counts_and_not_the_last_row(tmp_path):
@@ -162,7 +161,7 @@ def test_point_tables_leave_out_what_is_no_solution(tmp_path):
     values = {"drag": [1e-3, None], "tip_ux": [0.1, None], "min_jacobian": [0.5, None], "roof_uy": [np.nan, np.nan]}
     values |= {"reached_tip_ux": [None, 0.2], "reached_min_jacobian": [None, 0.01]}
     done = outcome(CASES[0].curve, tmp_path, steps=1, failure="not-converged", **values)
-    text = study.point_table(done).markdown()
+    text = flap.point_table(done).markdown()
     assert (
         text.splitlines()[0]
         == "| v_mean (m/s) | drag (N/m) | tip_ux (m) | min_jacobian | before the failure | check | status |"
@@ -176,14 +175,14 @@ def test_point_tables_leave_out_what_is_no_solution(tmp_path):
 def test_statements_carry_the_numbers(tmp_path):
     tip = {"tip_ux": [0.012, 0.03, 0.06], "tip_uy": [0.0, -0.04, -0.08]}
     first = outcome(CASES[0].curve, tmp_path, steps=3, **tip)
-    found = [found for *_, found in study.statements(CASES[0], {CASES[0].curve: first})]
+    found = [found for *_, found in flap.statements(CASES[0], {CASES[0].curve: first})]
     assert found == [
         "the tip moves by 6 % of the flap's height at 0.01 m/s and 50 % of the flap's height at 0.03 m/s.",
         "at 0.03 m/s the tip moves by 0.1 m, 50 % of the flap's height.",
         "it grows at every step: 0.012 m at 0.01 m/s, 0.1 m at 0.03 m/s.",
     ]
     back = outcome(CASES[0].curve, tmp_path, steps=2, tip_ux=[0.02, 0.01])
-    assert "it does not grow at every step" in study.statements(CASES[0], {CASES[0].curve: back})[-1][2]
+    assert "it does not grow at every step" in flap.statements(CASES[0], {CASES[0].curve: back})[-1][2]
 
 
 def test_the_roofs_of_both_cases_are_compared_where_both_got_to(tmp_path):
@@ -195,17 +194,17 @@ def test_the_roofs_of_both_cases_are_compared_where_both_got_to(tmp_path):
     both = {CASES[1].curve: soft, CASES[2].curve: stiff}
     assert (
         "at 0.02 m/s the middle of the roof rises by 0.2 m over this flap and by 0.25 m"
-        in (study.statements(CASES[1], both)[-1][2])
+        in (flap.statements(CASES[1], both)[-1][2])
     )
-    assert len(study.statements(CASES[1], {CASES[1].curve: soft})) == 2
-    third = [found for *_, found in study.statements(CASES[2], both)]
+    assert len(flap.statements(CASES[1], {CASES[1].curve: soft})) == 2
+    third = [found for *_, found in flap.statements(CASES[2], both)]
     assert third[1] == "at 0.02 m/s the ratio of the two is 0.05."
     assert "rises by 0.25 m, 62.5 % of the channel's height" in third[2]
 
 
 def test_remarks_name_their_cases_and_open_values_their_scenes(tmp_path):
     tables = {case.curve: outcome(case.curve, tmp_path, steps=1, tip_ux=[0.1], tip_uy=[0.0]) for case in CASES}
-    text = study.document(CASES, tables, [])
+    text = flap.document(CASES, tables, [])
     assert "**Drag and lift.** Paper: F<sub>D</sub> = ∫<sub>S</sub> ( ρ η ∂u<sub>t</sub>/∂n" in text
     assert text.count("**Drag and lift.**") == 1
     assert "**Bulk modulus (case 3).** Paper: K = 5.6 Pa" in text
@@ -217,8 +216,8 @@ def test_remarks_name_their_cases_and_open_values_their_scenes(tmp_path):
 
 
 def test_figures_belong_to_the_highest_velocity_and_show_the_comparison(tmp_path, freefem, check, one):
-    outcomes = sweeps.run_sweeps(sweeps.load_scenes(one.curves, 0), tmp_path)
-    figures = sweeps.draw(one, outcomes)
+    outcomes = flap.run_sweeps(flap.load_scenes([one], 0), tmp_path)
+    figures = flap.draw(one, outcomes)
     assert list(figures) == ["velocity", "pressure", "displacement", "forces"]
     assert figures["velocity"].axes[0].get_title(loc="left").endswith("mean inflow velocity 0.12 m/s")
     drag = figures["forces"].axes[0]

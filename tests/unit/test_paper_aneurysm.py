@@ -113,23 +113,22 @@ def test_text() -> None:
     assert "4.45 to 4.55 Pa" in text  # pressure in the dome
 
 
-def test_what_was_solved_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    calls: list[str] = []
-
-    def solve(scene: Any, directory: Path, on_event: Any) -> Any:
-        calls.append(directory.name)
-        return result(scene.time is not None, "not-converged" if scene.time else "")
-
-    monkeypatch.setattr(aneurysm, "solve", solve)
+def test_every_variant_is_run_and_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    ran: dict[str, Any] = {}
+    monkeypatch.setattr(
+        aneurysm, "run_all", lambda scenes, runs: ran.update({runs / name: scenes[name] for name in scenes})
+    )
+    monkeypatch.setattr(
+        aneurysm, "load_result", lambda path: result(bool(ran[path].time), "not-converged" if ran[path].time else "")
+    )
     monkeypatch.setattr(aneurysm, "draw", lambda results: {})
     out = tmp_path / "out"
     assert aneurysm.main(level=1, out=out, runs=tmp_path / "runs") == ["", "", "", "", *["not-converged"] * 4]
-    assert calls == [variant.name for variant in aneurysm.VARIANTS]
+    assert list(ran) == [tmp_path / "runs/aneurysm-level-1" / variant.name for variant in aneurysm.VARIANTS]
     assert sorted(path.name for path in out.iterdir()) == [
         *(f"aneurysm-steady-{name}-wall.csv" for name in ("elastic-carreau", "elastic", "rigid-carreau", "rigid")),
         "aneurysm.md",
     ]
-    assert aneurysm.solved_before(aneurysm.VARIANTS[0].scene(1), tmp_path / "runs" / "none") is None
 
 
 def test_command(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,12 +10,11 @@ from scipy.special import ellipeinc, ellipkinc
 from ffsi.files.errors import InputError
 from ffsi.freefem import FreeFEMError, FreeFEMNotFound
 from ffsi.scene import load_scene
-from studies.harness import replace_block
-from studies.runs import Run
+from studies.harness import Run, replaced
 from studies.tables import Column, columns, number, percent, table, unsigned
 from studies.verification import steady
 from studies.verification.sources import ReferenceSet, reference_sets
-from studies.verification.steady import CAVITY, SECTIONS, Variant, cavity_table, error_table, measure, short, to_frame
+from studies.verification.steady import CAVITY, SECTIONS, Variant, cavity_table, error_table, measure, to_frame
 
 README = "before\n<!-- verification:begin -->\nold\n<!-- verification:end -->\nafter\n"
 ALL_BLOCKS = "".join(f"<!-- {s.block}:begin -->\nold\n<!-- {s.block}:end -->\n" for s in SECTIONS)
@@ -129,14 +128,22 @@ def test_the_cavity_is_shown_beside_every_published_mesh():
 
 def test_the_short_table_has_level_2_and_all_levels_of_fsi1():
     known = [run("turek-fsi1", level) for level in range(5)] + [run("turek-cfd1", level) for level in range(4)]
-    chosen = [(item.name, item.level) for item in short([*known, run("turek-csm1", 1)])]
-    assert chosen == [*(("turek-fsi1", level) for level in range(5)), ("turek-cfd1", 2), ("turek-csm1", 1)]
+    known += [run("turek-csm1", 1), *(run(CAVITY, level) for level in range(4))]
+    errors, _, cavity = steady.BENCHMARKS.brief(known)
+    levels = list(dict.fromkeys((row[0], row[2]) for row in errors.body))
+    fsi1 = [("turek-fsi1", str(level)) for level in range(5)]
+    assert levels == [*fsi1, ("turek-cfd1", "2"), ("turek-csm1", "1"), (CAVITY, "2")]
+    ours = [row[0][:21] for row in cavity.body if row[0].startswith("this")]
+    assert ours == ["this program, level 2", "this program, level 3"]
 
 
-def test_a_block_is_replaced_and_the_rest_stays():
-    new = replace_block(README, "verification", "new\n")
+def test_a_block_is_replaced_and_the_rest_stays(tmp_path):
+    readme = tmp_path / "README.md"
+    readme.write_text(README)
+    new = replaced(readme, "verification", "new\n")
     assert new == README.replace("old", "new")
-    assert replace_block(new, "verification", "old") == README
+    readme.write_text(new)
+    assert replaced(readme, "verification", "old") == README
 
 
 @pytest.mark.parametrize(
@@ -144,9 +151,10 @@ def test_a_block_is_replaced_and_the_rest_stays():
     ["nothing", README + README, "<!-- verification:end -->\n<!-- verification:begin -->"],
     ids=["missing", "twice", "wrong order"],
 )
-def test_markers_must_be_there_once_and_in_order(text):
+def test_markers_must_be_there_once_and_in_order(tmp_path, text):
+    (tmp_path / "README.md").write_text(text)
     with pytest.raises(InputError, match="one line <!-- verification:begin -->"):
-        replace_block(text, "verification", "new")
+        replaced(tmp_path / "README.md", "verification", "new")
 
 
 def test_everything_is_written(tmp_path, calls, capsys):
@@ -212,13 +220,13 @@ def test_a_process_that_dies_is_a_measurement_but_a_missing_freefem_ends_everyth
     def missing(*_: object, **__: object) -> None:
         raise FreeFEMNotFound("missing-binary", "no FreeFem++")
 
-    monkeypatch.setattr("studies.runs.solve", dies)
+    monkeypatch.setattr("studies.harness.solve", dies)
     assert measure(Variant("turek-cfd1"), 0).failure == "crash"
     assert measure(steady.NEO_HOOKEAN, 0).variant == "neo-hookean"
     said = capsys.readouterr().err
     assert "turek-cfd1 level 0: FreeFEM, killed: signal 9" in said
     assert "cook neo-hookean level 0: FreeFEM, killed: signal 9" in said
-    monkeypatch.setattr("studies.runs.solve", missing)
+    monkeypatch.setattr("studies.harness.solve", missing)
     with pytest.raises(FreeFEMNotFound):
         measure(Variant("turek-cfd1"), 0)
 
@@ -325,9 +333,8 @@ def test_flaps_change_by_less_from_level_to_level():
     variant = steady.FLAPS[0]
     tips = [(0.0, 1.01, 2.0), (0.0, 1.0, 2.02), (0.03, 1.0, 2.02)]
     found = [variant_run(variant, i, tip_ux=x, tip_uy=y, drag=drag) for i, (x, y, drag) in enumerate(tips)]
-    assert steady.tip_difference(*found[:2]) == pytest.approx(0.01)
-    assert steady.tip_difference(*found[1:]) == pytest.approx(0.03, rel=1e-3)
-    assert steady.drag_difference(*found[:2]) == pytest.approx(0.02 / 2.02)
+    assert steady.differences(*found[:2]) == pytest.approx({"tip": 0.01, "drag": 0.02 / 2.02})
+    assert steady.differences(*found[1:])["tip"] == pytest.approx(0.03, rel=1e-3)
     (row,) = steady.difference_table(found).body
     assert row == ["flap-neo-hookean", "0.03", "1", "2.02", "1.000 %", "2.999 %", "0.990 %", "0.000 %"]
     assert [cells[7] for cells in steady.flap_table([*found, failed(variant, 3)]).body] == [

@@ -12,12 +12,20 @@ from time_folders import scene_in_time
 from ffsi.files import folder
 from ffsi.scene import CASES, load_scene
 from ffsi.scene.fluids import Carreau, Casson, Newtonian, PowerLaw
-from studies import runs
-from studies.runs import run_all
+from studies import harness
+from studies.harness import run_all
 from studies.tables import Column
 from studies.verification import blood
-from studies.verification.blood import TABLES, BloodTable, Row, level_changes, to_frame
-from studies.verification.blood_cases import ANEURYSM_CASES, PLANE_CASES, BloodCase
+from studies.verification.blood import (
+    ANEURYSM_CASES,
+    PLANE_CASES,
+    TABLES,
+    BloodCase,
+    BloodTable,
+    Row,
+    level_changes,
+    to_frame,
+)
 from studies.verification.exact_flows import (
     DENSITY,
     HEIGHT,
@@ -25,6 +33,7 @@ from studies.verification.exact_flows import (
     RATE,
     SWING,
     VISCOSITY,
+    Lumen,
     Measured,
     bent_flow,
     oscillating_flow,
@@ -33,7 +42,6 @@ from studies.verification.exact_flows import (
     stress,
     worst,
 )
-from studies.verification.far_from_dome import Lumen
 
 NEWTONIAN = Newtonian(density=1035.0, viscosity=3.5e-3)
 CARREAU = Carreau(density=1035.0)
@@ -248,8 +256,8 @@ def test_what_runs():
 
 @pytest.fixture
 def steady_freefem(freefem, monkeypatch):
-    monkeypatch.setattr(runs, "find_freefem", lambda: SimpleNamespace(has_mumps=True))
-    monkeypatch.setattr(runs, "render", lambda scene, mumps: f"// {scene.name}, MUMPS {mumps}\n")
+    monkeypatch.setattr(harness, "find_freefem", lambda: SimpleNamespace(has_mumps=True))
+    monkeypatch.setattr(harness, "render", lambda scene, mumps: f"// {scene.name}, MUMPS {mumps}\n")
     return freefem
 
 

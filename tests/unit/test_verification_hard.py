@@ -11,8 +11,20 @@ from ffsi.files.errors import InputError
 from ffsi.freefem import FreeFEMNotFound
 from ffsi.scene import Scene, SceneError
 from studies.verification import hard
-from studies.verification.hard import CAUSE, FAILED, NO_CLAIM, REFUSED, SOLVED, WRONG, Outcome, judge
-from studies.verification.hard_entries import Entry, Expectation, load, select
+from studies.verification.hard import (
+    CAUSE,
+    FAILED,
+    NO_CLAIM,
+    REFUSED,
+    SOLVED,
+    WRONG,
+    Entry,
+    Expectation,
+    Outcome,
+    judge,
+    load,
+    select,
+)
 
 TITLES, ENTRIES = load()
 NEAR = Expectation("drag", value=2.0, within=0.01)

@@ -16,8 +16,8 @@ from ffsi.result.published import references
 from ffsi.result.quantities import published_value
 from ffsi.run import watch
 from ffsi.scene import CASES
-from studies import runs
-from studies.runs import Run, run_all
+from studies import harness
+from studies.harness import Run, run_all
 from studies.tables import Column
 from studies.verification import blood, hard
 from studies.verification import in_time as study
@@ -130,7 +130,7 @@ def test_every_case_runs_on_two_meshes_with_two_steps_the_catalogue_first(case):
     plans = BY_NAME[case].plans
     own = CASES[case]
     assert own.time is not None
-    assert [plan.is_default for plan in plans] == [True, False, False, False]
+    assert (plans[0].level, plans[0].step) == (own.mesh.level, own.time.step)
     assert len({plan.name for plan in plans}) == 4
     assert {plan.level for plan in plans} == {own.mesh.level, own.mesh.level - 1}
     assert {plan.step for plan in plans} == {own.time.step, own.time.step * 2}
@@ -185,7 +185,7 @@ def test_a_run_of_another_script_stays_unless_it_failed(tmp_path, in_time, check
     assert run_all(bad, tmp_path)[0].failure == "not-converged"
     assert in_time.first_steps == [1, 1]
     assert "by another script" not in capsys.readouterr().err
-    monkeypatch.setattr(runs, "render", lambda scene, mumps: "// new")
+    monkeypatch.setattr(harness, "render", lambda scene, mumps: "// new")
     run_all(scenes, tmp_path)
     assert "by another script than that of today" in capsys.readouterr().err
     assert run_all(bad, tmp_path)[0].failure == ""
@@ -304,9 +304,9 @@ def test_blocks_of_a_motion_that_stays_as_it_is():
     item = long_run(20.0)
     assert item.complete
     assert len(item.blocks) == 16 or len(item.blocks) == 17
-    assert item.blocks[-1].amplitude == pytest.approx(0.1, rel=1e-3)
-    assert abs(item.lines[-1]["change"]) < 1e-3
-    assert item.lines[-1]["min_jacobian"] == pytest.approx(0.4, abs=1e-3)
+    assert item.blocks[-1]["amplitude"] == pytest.approx(0.1, rel=1e-3)
+    assert abs(item.blocks[-1]["change"]) < 1e-3
+    assert item.blocks[-1]["min_jacobian"] == pytest.approx(0.4, abs=1e-3)
     row = dict(zip(study.summary_table([item]).head, study.summary_table([item]).body[0], strict=True))
     assert row["t s"] == "20.00"
     assert "!" not in "".join(row.values())
@@ -314,7 +314,7 @@ def test_blocks_of_a_motion_that_stays_as_it_is():
 
 def test_a_growing_motion_and_a_run_that_ended_early_are_marked():
     growing = long_run(20.0, growth=0.5)
-    change = growing.lines[-1]["change"]
+    change = growing.blocks[-1]["change"]
     assert change > 0.02
     (cells,) = study.summary_table([growing]).body
     assert [cell for cell in cells if "!" in cell] == [f"{100 * change:+.3f} % !"]

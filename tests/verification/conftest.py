@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from studies.runs import PLAIN, Run
+from studies.harness import PLAIN, Run
 from studies.verification.steady import Variant, measure
 
 

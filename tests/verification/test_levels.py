@@ -13,7 +13,8 @@ TIP, DRAG = 0.5e-2, 0.3e-2  # largest relative difference between two levels; ha
 @pytest.mark.parametrize("variant", steady.FLAPS, ids=lambda item: item.case)
 def test_levels_differ_by_little(measured, variant):
     runs = [measured(variant, level) for level in LEVELS]
-    tips, drags = ([of(*pair) for pair in pairwise(runs)] for of in (steady.tip_difference, steady.drag_difference))
+    found = [steady.differences(*pair) for pair in pairwise(runs)]
+    tips, drags = ([item[name] for item in found] for name in ("tip", "drag"))
     print(f"{variant.case}: tip {tips}, drag {drags}")
     assert max(tips) < TIP
     assert max(drags) < DRAG
