@@ -64,7 +64,7 @@ class Scene(Table):
         SceneError: a key or value is not valid, or the tables do not fit together.
     """
 
-    model_config = ConfigDict(json_schema_extra=together.rules())
+    model_config = ConfigDict(json_schema_extra=lambda schema: schema.update(together.rules()))
     follows: ClassVar[tuple[str, ...]] = ("mesh_motion", "forces")
 
     name: str = Field(

@@ -11,13 +11,15 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from decimal import Decimal
-from typing import Annotated, Any, cast
+from typing import TYPE_CHECKING, Annotated, Any, cast
 
-import pint
 from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from ffsi.scene.errors import number_text
+
+if TYPE_CHECKING:
+    import pint
 
 _LIMIT = 60
 _NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,3})?)(?![\d.])\s*(.*?)\s*", re.DOTALL)
@@ -48,6 +50,8 @@ _EXAMPLES = {
 
 @functools.cache
 def _registry() -> pint.UnitRegistry[Any]:
+    import pint
+
     # Decimal keeps "3.5 mPa s" at exactly 0.0035. Loaded on first use: it takes a noticeable fraction of a second.
     return pint.UnitRegistry(non_int_type=Decimal)
 
@@ -77,6 +81,8 @@ def to_si(text: str, unit: str) -> float:
         raise ValueError("the unit is missing")
     if not _UNIT.fullmatch(given):
         raise ValueError(f'"{given}" cannot be read as a unit (write it like "mPa s" or "kg/(m s)")')
+    import pint  # takes a third of a second to load
+
     registry = _registry()
     try:
         quantity = registry.Quantity(Decimal(number), _canonical(given))
@@ -176,6 +182,8 @@ class Quantity(Checked):
             except ValueError as error:
                 raise self.refused(str(error)) from None
         elif hasattr(value, "magnitude"):  # a quantity of pint, of whatever registry
+            import pint
+
             try:
                 number = float(value.to(_canonical(self.unit)).magnitude)
             except (pint.PintError, TypeError, ValueError):

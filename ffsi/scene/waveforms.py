@@ -10,7 +10,6 @@ from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from ffsi.files.reading import MEGABYTE, read_text
@@ -85,6 +84,8 @@ def read_waveform(path: Path, harmonics: int, period: float | None = None) -> Fo
 
 
 def _samples(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    import pandas as pd
+
     try:
         text = read_text(path, MEGABYTE)
     except OSError as error:

@@ -6,7 +6,8 @@ import re
 from collections.abc import Collection, Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, Self
+from types import ModuleType
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import Field, PlainSerializer, PrivateAttr, ValidationInfo, field_validator, model_validator
@@ -15,9 +16,11 @@ from ffsi.scene.base import Table, refuse
 from ffsi.scene.boundaries import OUTLET, Boundary, Inlet
 from ffsi.scene.errors import Problem, SceneError, join, names, number_text, short
 from ffsi.scene.geometry.base import ChannelGeometry, Physics
-from ffsi.scene.meshes.building import DomainMesh, domain_mesh, stored_naming, write_medit
-from ffsi.scene.meshes.curves import Naming
 from ffsi.scene.units import Checked, Coordinate, to_si
+
+if TYPE_CHECKING:
+    from ffsi.scene.meshes.building import DomainMesh
+    from ffsi.scene.meshes.curves import Naming
 
 STORED = "geometry.mesh"
 """Name of the mesh in a run folder, where FreeFEM and Python read it."""
@@ -136,7 +139,7 @@ class MeshGeometry(ChannelGeometry):
             refuse([Problem("regions", f"missing; {type(self).model_fields['regions'].description}")])
         refuse(list(self._missing()))
         try:
-            self._mesh = domain_mesh(Path(self.file), self.unit, to_si(f"1 {self.unit}", "m"), self._naming)
+            self._mesh = _meshes().domain_mesh(Path(self.file), self.unit, to_si(f"1 {self.unit}", "m"), self._naming)
         except SceneError as error:  # what is wrong with the mesh itself has its file as the value
             name = short(Path(self.file).name)
             refuse([replace(problem, value=name) if problem.key == "file" else problem for problem in error.problems])
@@ -168,6 +171,8 @@ class MeshGeometry(ChannelGeometry):
 
     @property
     def _naming(self) -> Naming:
+        from ffsi.scene.meshes.curves import Naming
+
         boundaries = {key: getattr(self.boundaries, key) for key in MeshBoundaries.model_fields}
         return Naming(
             tuple(self.regions.items()),
@@ -196,12 +201,12 @@ class MeshGeometry(ChannelGeometry):
 
     def write(self, path: Path) -> None:
         """Write the mesh as the script reads it, in the format of Medit (.mesh)."""
-        write_medit(self._mesh, path)
+        _meshes().write_medit(self._mesh, path)
 
     def store(self, directory: Path) -> Self:
         """Write the mesh into a run folder; return the geometry that reads it there, with a path from there."""
         self.write(directory / STORED)
-        naming = stored_naming(self._mesh, self._naming)
+        naming = _meshes().stored_naming(self._mesh, self._naming)
         boundaries = MeshBoundaries(**dict(naming.boundaries))
         changes = {"regions": dict(naming.regions), "boundaries": boundaries, "parts": dict(naming.parts)}
         return self.model_copy(update={"file": STORED, "unit": "m", **changes})
@@ -269,3 +274,10 @@ class MeshGeometry(ChannelGeometry):
     def outline(self, physics: Physics) -> list[Boundary]:
         """Return the boundaries of the mesh."""
         return list(self._mesh.boundaries)
+
+
+def _meshes() -> ModuleType:
+    """Return what reads meshes: only scenes that have one wait for scipy."""
+    from ffsi.scene.meshes import building
+
+    return building
