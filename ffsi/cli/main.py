@@ -8,7 +8,7 @@ import re
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any, get_args
+from typing import TYPE_CHECKING, Annotated, Any, get_args
 
 import typer
 
@@ -18,16 +18,13 @@ from ffsi.cli.exit_codes import BAD_INPUT, CHECK_FAILED, FAULT, INTERRUPTED, NO_
 from ffsi.cli.streams import guarded
 from ffsi.files import folder, machine
 from ffsi.files.errors import InputError
-from ffsi.files.manifest import newest_checkpoint
 from ffsi.freefem import FreeFEMError
-from ffsi.hemodynamics.result import Result, load_result, load_results
-from ffsi.result import resolution
-from ffsi.result.evaluation import words
-from ffsi.result.in_time import STOPPED
 from ffsi.result.study_definition import Design
-from ffsi.run.resume import check_resumable
 from ffsi.scene import MeshGeometry, Scene, SceneError, load_scene
 from ffsi.text import nearest
+
+if TYPE_CHECKING:
+    from ffsi.hemodynamics.result import Result
 
 app = typer.Typer(
     name="ffsi",
@@ -104,7 +101,10 @@ def run(
     Exit codes: 0 solved and checked, 1 the check failed, 2 bad input, 3 not converged (partial results are kept),
     4 FreeFEM missing or crashed or the machine out of disk, memory or time.
     """
+    from ffsi.result import resolution
+    from ffsi.result.in_time import STOPPED
     from ffsi.run.one_scene import solve
+    from ffsi.run.resume import check_resumable
 
     if resume is not None:
         if case is not None or settings or out is not None:
@@ -163,6 +163,8 @@ def animate(
     ] = None,
 ) -> None:
     """Write a GIF of a computation in time, from the states saved every time.output_interval."""
+    from ffsi.hemodynamics.result import load_result
+
     result = load_result(directory)
     name = field or ("velocity" if result.scene.fluid else "displacement")
     _check_animation(result.scene, name)
@@ -312,6 +314,7 @@ def check(
 
     Exit codes: 0 passed, 1 failed, 2 bad input, 3 nothing converged there.
     """
+    from ffsi.hemodynamics.result import load_results
     from ffsi.result import table
     from ffsi.run import recheck
     from ffsi.run.direct import adopt
@@ -421,6 +424,8 @@ def _call(arguments: Sequence[str] | None, commands: typer.Typer, name: str) -> 
 
 
 def _finish(results: Sequence[Result], directory: Path) -> None:
+    from ffsi.result.evaluation import words
+
     for result in results:
         if not result.converged:
             show.error(f"{result.reason}; what there is lies in {directory}")
@@ -437,6 +442,8 @@ def _not_evaluated(result: Result) -> str:
 
 
 def _say_how_to_resume(scene: Scene, directory: Path) -> None:
+    from ffsi.files.manifest import newest_checkpoint
+
     with contextlib.suppress(InputError):
         if scene.time is not None and (last := newest_checkpoint(directory)) is not None:
             show.note(f"ffsi run --resume {directory} goes on from t = {last.time:g} s")

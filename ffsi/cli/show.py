@@ -12,25 +12,21 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import pandas as pd
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
 from ffsi.cli.progress import ProgressDisplay
-from ffsi.hemodynamics.result import Result
-from ffsi.result.domain import intended, words
-from ffsi.result.published import Reference, references_for
-from ffsi.result.quantities import CHECKED, in_table, published_value, unit
-from ffsi.result.study_definition import shown as shown_value
-from ffsi.result.table import TABLE
-from ffsi.result.words import tally, time_line
 from ffsi.scene import CASES, Scene
 from ffsi.scene.materials import Elastic
 from ffsi.text import cut, printable
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # what reads results takes half a second to load
+    import pandas as pd
+
+    from ffsi.hemodynamics.result import Result
     from ffsi.reference import CheckReport
+    from ffsi.result.published import Reference
 
 # Quantities that only help to diagnose; they are in result.json.
 MINOR = ("_surface", "_x", "_y", "drag_cylinder", "lift_cylinder", "drag_beam", "lift_beam")
@@ -107,9 +103,9 @@ def progress(case: str = "", points: int | None = None) -> ProgressDisplay:
     return ProgressDisplay(case, points)
 
 
-def catalogue() -> list[dict[str, Any]]:
+def catalogue() -> list[dict[str, str]]:
     """Return name, physics and description of every case."""
-    return [{"name": name, "physics": scene.physics, "description": scene.description} for name, scene in CASES.items()]
+    return CASES.summaries()
 
 
 def cases(entries: Sequence[Mapping[str, Any]]) -> None:
@@ -124,12 +120,16 @@ def cases(entries: Sequence[Mapping[str, Any]]) -> None:
 
 def domain(scene: Scene) -> None:
     """Print what will be computed on: areas of the regions, roles and lengths of the boundaries."""
+    from ffsi.result.domain import intended, words
+
     for line in words(intended(scene)):
         stdout().print(Text(line), soft_wrap=True)
 
 
 def result(done: Result) -> None:
     """Print quantities beside published values, Newton, check and where the files are."""
+    from ffsi.result.published import references_for
+
     console = stdout()
     data = done.data
     style = "red" if not done.converged else "green" if done.checked else "yellow"
@@ -147,6 +147,8 @@ def result(done: Result) -> None:
 
 def quantities(values: Mapping[str, float], published: Mapping[str, Reference], heading: str = "quantity") -> Table:
     """Return the table of (flattened) quantities, with published values and errors where there are any."""
+    from ffsi.result.quantities import published_value, unit
+
     table = Table(box=None, pad_edge=False, header_style="bold")
     table.add_column(text(heading))
     table.add_column("value", justify="right")
@@ -166,6 +168,8 @@ def quantities(values: Mapping[str, float], published: Mapping[str, Reference], 
 
 def summary(done: Result) -> list[str]:
     """Return the lines about Newton's method, the check, the time and the files, and the warnings."""
+    from ffsi.result.words import time_line
+
     newton, timings, check = done.data["newton"], done.data["timings"], done.data["check"]
     lines = [material_line(name, solid) for name, solid in done.scene.solid.items()]
     if newton:
@@ -208,6 +212,13 @@ _ROWS = 60
 
 def sweep(table: pd.DataFrame, keys: Sequence[str], out: Path) -> None:
     """Print the sweep's table."""
+    import pandas as pd
+
+    from ffsi.result.quantities import in_table
+    from ffsi.result.study_definition import shown as shown_value
+    from ffsi.result.table import TABLE
+    from ffsi.result.words import tally
+
     console = stdout()
     endings = ("", "_mean", "_amplitude", "_frequency")
     names = [name + ending for name in in_table("sweep") for ending in endings if name + ending in table]
@@ -247,6 +258,7 @@ def checks(reports: Sequence[tuple[Result, CheckReport]]) -> None:
 
 def check_rows(reports: Sequence[tuple[Result, CheckReport]]) -> list[dict[str, Any]]:
     """Return what the checker found, one dictionary per point."""
+    from ffsi.result.quantities import CHECKED
 
     return [
         {
@@ -276,4 +288,4 @@ def doctor() -> bool:
 
 
 def _cell(value: Any, form: str) -> str:
-    return "-" if value is None or pd.isna(value) else form.format(value)
+    return "-" if value is None or (isinstance(value, float) and math.isnan(value)) else form.format(value)

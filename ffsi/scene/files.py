@@ -31,6 +31,18 @@ class Catalogue(Mapping[str, Scene]):
         """Names of the scenes that are steady."""
         return [name for name in self if self[name].steady]
 
+    def summaries(self) -> list[dict[str, str]]:
+        """Return name, physics (fluid, solid, fsi) and description of every scene, from its text: no model is built."""
+        tables = {name: _table(name) for name in self}
+        return [
+            {
+                "name": name,
+                "physics": "fsi" if {"fluid", "solid"} <= table.keys() else "fluid" if "fluid" in table else "solid",
+                "description": table["description"],
+            }
+            for name, table in tables.items()
+        ]
+
     def __getitem__(self, name: str) -> Scene:
         """Return a scene. Raises ``KeyError`` for a name that is none."""
         if name not in self._names:
@@ -48,8 +60,12 @@ class Catalogue(Mapping[str, Scene]):
 
 @cache
 def _case(name: str) -> Scene:
+    return Scene.model_validate(_table(name))
+
+
+def _table(name: str) -> dict[str, Any]:
     path = FOLDER / f"{name}.toml"
-    return Scene.model_validate(parse_toml(path.read_text(encoding="utf-8"), path.name))
+    return parse_toml(path.read_text(encoding="utf-8"), path.name)
 
 
 CASES = Catalogue()

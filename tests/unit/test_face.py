@@ -107,3 +107,11 @@ def test_a_wrong_type_is_refused_in_words_and_nothing_is_written(call, message, 
         call(tmp_path / "out")
     assert message in str(refused.value)
     assert not list(tmp_path.iterdir())
+
+
+def test_the_command_line_starts_without_what_only_results_need():
+    """Names, not seconds: these take more than a second together."""
+    code = "import sys, ffsi.cli.main as m, ffsi.cli.show as s; s.catalogue(); print(*sys.modules)"
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    heavy = ("scipy", "pandas", "matplotlib", "pint", "shapely", "meshio", "jinja2", "distributed", "xarray")
+    assert [name for name in heavy if name in found] == []
