@@ -35,10 +35,7 @@ x -= one;
 cout << "@ffsi solve error=" << x.linfty << endl;
 cout << "@ffsi end status=converged" << endl;
 """
-LOAD_SCRIPT = """\
-load "{plugin}"
-cout << "@ffsi end status=converged" << endl;
-"""
+LOAD_SCRIPT = 'load "{plugin}"\ncout << "@ffsi end status=converged" << endl;\n'
 
 
 @dataclass(frozen=True)
@@ -53,7 +50,8 @@ class Check:
 
 def diagnose() -> list[Check]:
     """Check Python, its packages, FreeFEM, each plugin, a MUMPS solve, BLAS and the temporary folder; never raises."""
-    checks = [_python(), *_packages(), _temporary()]
+    python = Check("Python", "ok", f"{platform.python_version()}, {sys.executable}")
+    checks = [python, *_packages(), _temporary()]
     try:
         installation = find_freefem()
     except FreeFEMNotFound as error:
@@ -71,10 +69,6 @@ def _freefem(installation: Installation) -> list[Check]:
     if installation.has_mumps:
         checks.append(_mumps(installation))
     return [*checks, _blas(installation)]
-
-
-def _python() -> Check:
-    return Check("Python", "ok", f"{platform.python_version()}, {sys.executable}")
 
 
 def _packages() -> list[Check]:

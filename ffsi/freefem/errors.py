@@ -94,32 +94,22 @@ class Ending:
         return re.search(pattern, "\n".join(self.tail), re.MULTILINE)
 
 
-@dataclass(frozen=True)
-class _Finding:
-    kind: str
-    message: str
+_Finding = tuple[str, str] | None
+"""Kind and message of what a rule has found."""
 
 
 def explain(ending: Ending, script: Path, log: Path | None = None) -> FreeFEMError:
     """Turn the end of a run without an end marker into the error that names its reason."""
-    for rule in _RULES:
-        finding = rule(ending)
-        if finding is not None:
-            break
-    else:
-        finding = _Finding("crash", _no_marker(ending))
-    message = finding.message
-    if "memory" in ending.limits and finding.kind in ("out-of-memory", "mumps", "crash", "killed"):
+    kind, message = next(filter(None, (rule(ending) for rule in _RULES)), ("crash", _no_marker(ending)))
+    if "memory" in ending.limits and kind in ("out-of-memory", "mumps", "crash", "killed"):
         message += f"; its memory is limited to {ending.limits['memory']}"
-    if ending.failed and finding.kind != "bad-input":
+    if ending.failed and kind != "bad-input":
         message += f" (the script said before: {ending.failed})"
     line, file = script_position(ending)
-    if finding.kind == "bad-input":
-        line = 0
-    source = _source_line(script, file, line)
+    line = 0 if kind == "bad-input" else line
     if file is not None and Path(file).name != script.name:
         message += f" (in the included file {file})"
-    return FreeFEMError(finding.kind, message, line, source, log)
+    return FreeFEMError(kind, message, line, _source_line(script, file, line), log)
 
 
 def script_position(ending: Ending) -> tuple[int, str | None]:
@@ -131,102 +121,98 @@ def script_position(ending: Ending) -> tuple[int, str | None]:
     return (int(match[1]), None) if match else (0, None)
 
 
-def _bad_input(ending: Ending) -> _Finding | None:
-    return None if ending.bad_input is None else _Finding("bad-input", ending.bad_input)
-
-
-def _missing_binary(ending: Ending) -> _Finding | None:
+def _not_begun(ending: Ending) -> _Finding:
+    if ending.bad_input is not None:
+        return "bad-input", ending.bad_input
     match = ending.search(r"^setpriv: failed to execute (.*)")
-    return _Finding("missing-binary", f"cannot be started: {match[1]}") if match else None
+    return ("missing-binary", f"cannot be started: {match[1]}") if match else None
 
 
-def _missing_plugin(ending: Ending) -> _Finding | None:
+def _missing_plugin(ending: Ending) -> _Finding:
     match = ending.search(r"^(?:error )?Load error ?: (\S+)")
     if match is None:
         return None
     found = ending.search(r"dlerror : (.*)")
     reason = found[1] if found else "no reason given"
-    return _Finding("missing-plugin", f"the plugin {match[1]} does not load: {reason}")
+    return "missing-plugin", f"the plugin {match[1]} does not load: {reason}"
 
 
-def _mumps(ending: Ending) -> _Finding | None:
+def _mumps(ending: Ending) -> _Finding:
     match = ending.search(r"Erreur Mumps seq: number (-?\d+)") or ending.search(r"INFOG?\(1\)=\s*(-\d+)")
     if match:
         code = int(match[1])
         meaning = MUMPS_MEANING.get(code, "see INFO(1) in the MUMPS manual")
-        return _Finding("singular-matrix" if code in (-6, -10) else "mumps", f"MUMPS error {code}: {meaning}")
+        return ("singular-matrix" if code in (-6, -10) else "mumps", f"MUMPS error {code}: {meaning}")
     match = ending.search(r"(Internal error .* in [DZSC]MUMPS\S*)") or ending.search(r"(\*\* MPI_ABORT called)")
-    return _Finding("mumps", f"MUMPS stopped: {match[1].strip()}") if match else None
+    return ("mumps", f"MUMPS stopped: {match[1].strip()}") if match else None
 
 
-def _allocation(ending: Ending) -> _Finding | None:
+def _allocation(ending: Ending) -> _Finding:
     if ending.search(r"std::bad_alloc"):
-        return _Finding("out-of-memory", "an allocation failed (std::bad_alloc)")
+        return "out-of-memory", "an allocation failed (std::bad_alloc)"
     if ending.search(r"Strange catch exception"):  # FreeFEM's catch-all; an array of negative size ends here too
-        return _Finding("out-of-memory", "an array cannot be allocated: no memory, or its size is negative or absurd")
+        return "out-of-memory", "an array cannot be allocated: no memory, or its size is negative or absurd"
     match = ending.search(r"(.*out of memory.*)")
-    return _Finding("out-of-memory", match[1].strip()) if match else None
+    return ("out-of-memory", match[1].strip()) if match else None
 
 
-def _syntax(ending: Ending) -> _Finding | None:
+def _syntax(ending: Ending) -> _Finding:
     if not ending.search(r"^(?:error )?Compile error ?:"):
         return None
-    unknown = ending.search(r"The Identifier (\S+) does not exist")
-    include = ending.search(r"Error opening file (.*?) in:")
+    if unknown := ending.search(r"The Identifier (\S+) does not exist"):
+        return "syntax", f"the identifier {unknown[1]} does not exist"
+    if include := ending.search(r"Error opening file (.*?) in:"):
+        return "syntax", f"the file {include[1]} cannot be opened"
     detail = ending.search(r"^\s*((?:unknown operator|Impossible to cast|error operator).*)")
     token = ending.search(r"before +token (.*)")
     near = f"before the token {token[1].strip()!r}" if token else "at an unknown place"
-    if unknown:
-        return _Finding("syntax", f"the identifier {unknown[1]} does not exist")
-    if include:
-        return _Finding("syntax", f"the file {include[1]} cannot be opened")
-    if detail:
-        return _Finding("syntax", f"{detail[1].strip()}, {near}")
-    return _Finding("syntax", f"syntax error {near}")
+    return "syntax", f"{detail[1].strip()}, {near}" if detail else f"syntax error {near}"
 
 
-def _execution(ending: Ending) -> _Finding | None:
+def _execution(ending: Ending) -> _Finding:
     match = ending.search(r"^(Exec|Meshing) error ?: *(.*)")
     if match is None:
         return None
     text = match[2].strip()
     if text == "exec assert":
-        return _Finding("assert", "an assert of the script does not hold")
+        return "assert", "an assert of the script does not hold"
     if text == "Div by 0":
-        return _Finding("floating-point", "division by zero")
+        return "floating-point", "division by zero"
     bound = ending.search(r"(Out of bound +\d.*?) array type")
     opening = ending.search(r"^ ?(Error [Oo]pening file .*?)(?:,|$)")
     mesher = ending.search(r"^(.+)\n Fatal error in the mesh generator")
     more = next((found[1].strip() for found in (bound, opening, mesher) if found), "")
-    return _Finding("crash", f"{match[1].lower()} error: {text}" + (f" ({more})" if more else ""))
+    return ("crash", f"{match[1].lower()} error: {text}" + (f" ({more})" if more else ""))
 
 
-def _umfpack(ending: Ending) -> _Finding | None:
+def _umfpack(ending: Ending) -> _Finding:
     match = ending.search(r"umfpack\w* +status +(-?\d+)")
     if match is None:
         return None
-    kind = {"1": "singular-matrix", "-1": "out-of-memory"}.get(match[1], "crash")
-    meaning = {"1": "the matrix is singular", "-1": "not enough memory for the factors"}.get(match[1], "see its manual")
-    return _Finding(kind, f"UMFPACK status {match[1]}: {meaning}")
+    kind, meaning = {
+        "1": ("singular-matrix", "the matrix is singular"),
+        "-1": ("out-of-memory", "not enough memory for the factors"),
+    }.get(match[1], ("crash", "see its manual"))
+    return kind, f"UMFPACK status {match[1]}: {meaning}"
 
 
-def _signal(ending: Ending) -> _Finding | None:
+def _signal(ending: Ending) -> _Finding:
     number = ending.signal
     if number == 0:
         return None
     name = signal_name(number)
     if number == signal.SIGFPE:
-        return _Finding("floating-point", "SIGFPE: an integer division or remainder by zero")
+        return "floating-point", "SIGFPE: an integer division or remainder by zero"
     if number == signal.SIGXCPU or (number == signal.SIGKILL and "cpu" in ending.limits):
         limit = ending.limits.get("cpu", "what ulimit -t allows")
-        return _Finding("time-limit", f"FreeFEM used up its processor time, {limit}: signal {number}, {name}")
+        return "time-limit", f"FreeFEM used up its processor time, {limit}: signal {number}, {name}"
     if number == signal.SIGXFSZ:
-        return _Finding("disk-full", f"a file reached the largest size that ulimit -f allows: signal {number}, {name}")
+        return "disk-full", f"a file reached the largest size that ulimit -f allows: signal {number}, {name}"
     if number == signal.SIGKILL and ending.memory_evidence:
-        return _Finding("out-of-memory", f"killed by the system ({name}): {ending.memory_evidence}")
+        return "out-of-memory", f"killed by the system ({name}): {ending.memory_evidence}"
     if number in _CRASH_SIGNALS:
-        return _Finding("crash", f"FreeFEM crashed: signal {number}, {name}")
-    return _Finding("killed", f"FreeFEM was killed from outside: signal {number}, {name}")
+        return "crash", f"FreeFEM crashed: signal {number}, {name}"
+    return "killed", f"FreeFEM was killed from outside: signal {number}, {name}"
 
 
 def signal_name(number: int) -> str:
@@ -244,8 +230,8 @@ def _no_marker(ending: Ending) -> str:
 
 
 # The first rule that answers decides: what FreeFEM says before how it ended, causes before consequences.
-_RULES: tuple[Callable[[Ending], _Finding | None], ...] = (
-    _bad_input, _missing_binary, _missing_plugin, _allocation, _mumps, _syntax, _umfpack, _execution, _signal,
+_RULES: tuple[Callable[[Ending], _Finding], ...] = (
+    _not_begun, _missing_plugin, _allocation, _mumps, _syntax, _umfpack, _execution, _signal,
 )  # fmt: skip
 
 

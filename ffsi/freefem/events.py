@@ -48,7 +48,7 @@ def parse_event(line: str) -> Event | None:
     mark, _, rest = line.strip().partition(" ")
     if mark != MARK:
         return None
-    head, found, text = _split_text(rest)
+    head, *text = re.split(r"(?:^|\s)text=", rest, maxsplit=1)
     words = head.split()
     if not words or "=" in words[0]:
         raise ValueError(f"a progress line without a kind: {line!r}")
@@ -58,22 +58,11 @@ def parse_event(line: str) -> Event | None:
         if not key or not equals:
             raise ValueError(f"{word!r} is not key=value in the progress line {line!r}")
         fields[key] = _convert(value)
-    return Event(words[0], fields, text.strip() if found else "")
-
-
-def _split_text(rest: str) -> tuple[str, bool, str]:
-    match = re.search(r"(?:^|\s)text=", rest)
-    if match is None:
-        return rest, False, ""
-    return rest[: match.start()], True, rest[match.end() :]
+    return Event(words[0], fields, "".join(text).strip())
 
 
 def _convert(value: str) -> Value:
-    if _INTEGER.match(value):
-        return int(value)
-    if _REAL.match(value):
-        return float(value)
-    return value
+    return int(value) if _INTEGER.match(value) else float(value) if _REAL.match(value) else value
 
 
 OnEvent = Callable[[Event], None]
