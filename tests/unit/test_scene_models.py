@@ -5,7 +5,7 @@ import tomllib
 
 import pytest
 
-from ffsi.scene import CASES, Newtonian, Scene, load_scene, with_values
+from ffsi.scene import CASES, Newtonian, Scene, SceneError, load_scene, with_values
 from ffsi.scene.flow import Inflow
 from ffsi.scene.geometry import FlapChannel
 from ffsi.scene.geometry.channel_cylinder import Beam, ChannelCylinder
