@@ -21,7 +21,7 @@ from ffsi.files.errors import InputError
 from ffsi.freefem import FreeFEMError
 from ffsi.result.study_definition import Design
 from ffsi.scene import MeshGeometry, Scene, SceneError, load_scene
-from ffsi.text import nearest
+from ffsi.text import nearest, printable
 
 if TYPE_CHECKING:
     from ffsi.hemodynamics.result import Result
@@ -407,6 +407,10 @@ def _call(arguments: Sequence[str] | None, commands: typer.Typer, name: str) -> 
         return BAD_INPUT if error.kind == "bad-input" else NO_FREEFEM
     except machine.MachineError as error:
         show.error(str(error))
+        return NO_FREEFEM
+    except ImportError as error:  # what a command needs is loaded when it begins
+        hint = "is its memory limited (ulimit -v), is a package missing?"
+        show.error(f"ffsi cannot be loaded: {printable(error)}; {hint}")
         return NO_FREEFEM
     except OSError as error:
         show.error(machine.words(error))

@@ -72,8 +72,9 @@ def test_a_verdict_is_not_lost_with_its_words(capsys, monkeypatch, freefem, chec
     assert Path("runs/flap-svk/result.json").is_file()
 
 
-def test_a_machine_that_cannot_load_the_libraries_gets_a_message():
-    command = f"ulimit -v 200000; {sys.executable} -m ffsi cases"
+@pytest.mark.parametrize(("kilobytes", "words"), [(60_000, "cases"), (200_000, "run flap-svk")])
+def test_a_machine_that_cannot_load_the_libraries_gets_a_message(kilobytes, words):
+    command = f"ulimit -v {kilobytes}; {sys.executable} -m ffsi {words}"
     source = str(Path(folder.__file__).parents[2])
     done = subprocess.run(
         ["bash", "-c", command], capture_output=True, text=True, env={**os.environ, "PYTHONPATH": source}, timeout=60

@@ -19,7 +19,8 @@ from time_folders import scene_in_time
 from ffsi.cli.progress import ProgressDisplay
 from ffsi.files.errors import InputError
 from ffsi.freefem import FreeFEMError, parse_event
-from ffsi.report import curves, write_report
+from ffsi.report import history as histories
+from ffsi.report import write_report
 from ffsi.report.animation import write_animation
 from ffsi.result import pictures, vtu
 from ffsi.result.fields import Fields
@@ -211,16 +212,16 @@ def test_the_report_of_a_run_that_died_at_once(tmp_path, in_time, check, monkeyp
 def test_histories_are_drawn_whole_and_at_their_end():
     t = np.arange(0.01, 5.0, 0.01)
     history = pd.DataFrame({"time": t, "drag": np.cos(t), "tip_uy": np.sin(2 * np.pi * t), "min_jacobian": 0 * t + 0.5})
-    figure = curves.time_history(history, (3.0, 4.0))
+    figure = histories.time_history(history, (3.0, 4.0))
     assert figure is not None
     assert len(figure.axes) == 6
     assert [axes.get_xlabel() for axes in figure.axes] == ["", "", "", "", "time (s)", "time (s)"]
     assert figure.axes[1].lines[0].get_xdata()[0] == pytest.approx(2.0)
-    whole = curves.time_history(history)
+    whole = histories.time_history(history)
     assert whole is not None
     assert len(whole.axes) == 3
-    assert curves.time_history(history[:1]) is None
-    assert curves.time_history(history[["time"]]) is None
+    assert histories.time_history(history[:1]) is None
+    assert histories.time_history(history[["time"]]) is None
 
 
 # Progress -------------------------------------------------------------------------------------------------------------
