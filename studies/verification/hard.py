@@ -27,7 +27,7 @@ from ffsi.files.errors import InputError
 from ffsi.freefem import FreeFEMNotFound, find_freefem
 from ffsi.freefem.events import OnEvent
 from ffsi.hemodynamics.result import load_result
-from ffsi.report.study import Study
+from ffsi.report.study import Study as Sweep
 from ffsi.result.quantities import flatten
 from ffsi.run.sweep import sweep
 from ffsi.scene import CASES, Scene, SceneError, load_scene, with_values
@@ -267,8 +267,8 @@ def _found(entry: Entry, scene: Scene, directory: Path, on_event: OnEvent | None
         points = [run_one(entry.id, scene, directory, on_event).data]
         rows = [_numbers(points[0])]
     else:
-        table = sweep(scene, entry.vary, directory, on_event=on_event)
-        points = [Study(directory).result(row).data for row in range(len(table))]
+        table, swept = sweep(scene, entry.vary, directory, on_event=on_event), Sweep(directory)
+        points = [swept.result(row).data for row in range(len(table))]
         rows = [{} if data["failure"] else {**data["varied"], **_numbers(data)} for data in points]
     data = next((data for data in points if data["failure"]), points[0])
     unchecked = not data["failure"] and not data.get("checked", data.get("check"))
