@@ -59,7 +59,7 @@ def unit(quantity: str) -> str:
         return "Hz"
     if quantity.endswith("_change"):
         return "1"
-    name = re.sub("_(mean|amplitude|last|min|max)$", "", quantity)
-    known = [item for item in QUANTITIES if f"{name}_".startswith(f"{item.name}_")]
+    known = [item for item in QUANTITIES if f"{quantity}_".startswith(f"{item.name}_")]
     found = max(known, key=lambda item: len(item.name)).unit if known else "1"
+    name = re.sub("_(mean|amplitude|last|min|max)$", "", quantity)
     return "m" if found == "1" and name.endswith(("_ux", "_uy", "_x", "_y")) else found

@@ -213,7 +213,7 @@ LAW_CHANGES = [
     ("def stiffness", "def base_stiffness"),
     ("return self.bulk_modulus + ", "return "),
 ]
-ENTRY_CHANGES = [("solid.bulk_modulus", "_bulk_modulus(solid)")]
+ENTRY_CHANGES = [("solid.bulk_modulus", "math.inf if solid.bulk_modulus is None else solid.bulk_modulus")]
 
 
 def changed(text: str, changes: list[tuple[str, str]]) -> str:
