@@ -250,7 +250,12 @@ def _ask(answers: Any) -> None:
         (key,) = change
         return lambda text: drafts.draft("trial", dataclasses.replace(answers, **{key: text}))
 
-    ask("geometry", "Which domain?", "flap-channel", drafts.kinds())
+    if answers.geometry is None:
+        kinds = _table(None, "domain", "what it is")
+        for kind, what in drafts.kinds().items():
+            kinds.add_row(Text(kind), Text(what))
+        Console(stderr=True, highlight=False).print(kinds)
+    ask("geometry", "Which domain?", drafts.FIRST, check=drafts.choices)
     if answers.geometry == drafts.MESH:
         ask("mesh", "Which mesh file?", "", check=drafts.groups)
         _, curves = drafts.groups(answers.mesh)
@@ -269,7 +274,7 @@ def _ask(answers: Any) -> None:
     if answers.what != "solid":
         ask("velocity", "Mean velocity at the inlet?", drafts.velocity(answers), check=trial(velocity=""))
     ask("end", 'Steady, or in time until when (such as "10 s")?', drafts.STEADY, check=trial(end=""))
-    ask("level", "How fine is the mesh (0: some 5000 unknowns, each level 2.5 times as many)?", "1", list("01234"))
+    ask("level", "How fine is the mesh (with a flow 7000 to 150 000 unknowns)?", "1", list("01234"))
 
 
 _Check = Callable[[str], object]

@@ -7,6 +7,7 @@ import re
 import textwrap
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,7 @@ from ffsi.scene.model import Scene
 from ffsi.scene.time import Time
 from ffsi.scene.together import OF_FLUID
 
-MESH, STEADY, NONE = "mesh", "steady", "none"
+FIRST, MESH, STEADY, NONE = "flap-channel", "mesh", "steady", "none"
 WHAT = ("fsi", "fluid", "solid")
 STEPS = 200
 """Time steps of a draft in time; the inflow grows from rest in the first tenth of them."""
@@ -66,13 +67,18 @@ class Answers:
     clamped: str | None = None
 
 
-def kinds() -> list[str]:
-    """Return the geometries that a draft can have."""
-    return [*sorted(set(_bases())), "channel", MESH]
+def kinds() -> dict[str, str]:
+    """Return the geometries that a draft can have, each with what it is."""
+    docs = {kind: type(scene.geometry).__doc__ or "" for kind, scene in sorted(_bases().items())}
+    said = {kind: text.partition("\n")[0].replace("`", "") for kind, text in docs.items()}
+    return {**said, "channel": "A channel between two rigid walls.", MESH: "A mesh of your own, from a file."}
 
 
 def choices(geometry: str) -> list[str]:
-    """Return what can be solved on a geometry of a kind, the most likely first."""
+    """Return what can be solved on a geometry of a kind, the most likely first. Raises ``SceneError``: no such kind."""
+    if geometry == MESH:
+        return []  # the file says it
+    _known(geometry)
     return [what for what in WHAT if _physics(_table(Answers(geometry, what))) == what]
 
 
@@ -95,6 +101,9 @@ def draft(name: str, answers: Answers, folder: Path = Path()) -> str:
     """
     table = {"name": name, **_table(answers)}
     scene = Scene.model_validate(table)
+    if answers.what not in (None, scene.physics):
+        able = choices(scene.geometry.kind) or [scene.physics]
+        raise SceneError([Problem("solve", f"accepted with this domain: {names(able)}", short(answers.what))])
     if answers.geometry == MESH:
         path = Path(table["geometry"]["file"]).absolute()
         inside = path.is_relative_to(folder.absolute())
@@ -119,6 +128,7 @@ def guess(what: str, found: list[str]) -> str:
 # The table ------------------------------------------------------------------------------------------------------------
 
 
+@cache
 def _bases() -> dict[str, Scene]:
     """Return a case for each kind of geometry: steady, with fluid and solid, neo-Hookean where there is one."""
 
@@ -138,9 +148,8 @@ def _physics(table: dict[str, Any]) -> str:
 
 
 def _table(answers: Answers) -> dict[str, Any]:
-    kind = answers.geometry or "flap-channel"
-    if kind not in kinds():
-        raise SceneError([Problem("geometry", f"accepted: {names(kinds())}", short(kind), nearest(kind, kinds()))])
+    kind = answers.geometry or FIRST
+    _known(kind)
     if kind == MESH:
         table = _of_mesh(answers)
     elif kind == "channel":
@@ -165,10 +174,15 @@ def _table(answers: Answers) -> dict[str, Any]:
     return table
 
 
+def _known(kind: str) -> None:
+    if kind not in kinds():
+        raise SceneError([Problem("geometry", f"accepted: {names(kinds())}", short(kind), nearest(kind, kinds()))])
+
+
 def _choose(table: dict[str, Any], what: str) -> None:
     """Leave in a table what a fluid, a solid or both need."""
     if what not in WHAT:
-        raise SceneError([Problem("what", f"accepted: {names(WHAT)}", short(what), nearest(what, WHAT))])
+        raise SceneError([Problem("solve", f"accepted: {names(WHAT)}", short(what), nearest(what, WHAT))])
     for key in {"fluid": ("solid", "support", "mesh_motion"), "solid": OF_FLUID}.get(what, ()):
         table.pop(key, None)
     if what == "solid" and "traction" not in table:
@@ -188,7 +202,10 @@ def _constants(solid: Elastic, material: str | None) -> dict[str, Any]:
 
 
 def _steps(end: Any) -> dict[str, Any]:
-    seconds = Time.model_validate({"step": end, "end": end}).end
+    try:
+        seconds = Time.model_validate({"step": end, "end": end}).end
+    except SceneError as error:
+        raise SceneError([problem.below("time") for problem in error.problems if problem.key == "end"]) from None
     return {"step": float(number_text(seconds / STEPS)), "end": end}
 
 
@@ -225,8 +242,8 @@ def _of_mesh(answers: Answers) -> dict[str, Any]:
     sides = {"inlet": inlet, "outlet": outlet} if wet else {}
     sides |= {"clamped": clamped} if solids else {}
     boundaries: dict[str, Any] = {key: name for key, name in sides.items() if name != NONE}
-    boundaries |= {"walls": walls} if walls else {}
-    regions = {"fluid": sorted(wet)} if wet else {}
+    boundaries |= {"walls": walls if len(walls) > 1 else walls[0]} if walls else {}
+    regions = {"fluid": sorted(wet) if len(wet) > 1 else next(iter(wet))} if wet else {}
     geometry = {"kind": MESH, "file": answers.mesh, "unit": answers.unit or "m", "regions": {**regions, **solids}}
     flow: dict[str, Any] = copy.deepcopy({"fluid": _WATER, **_FLOW}) if wet else {"gravity": {"y": "-9.81 m/s^2"}}
     found = {"geometry": {**geometry, "boundaries": boundaries}, **flow}
@@ -273,7 +290,9 @@ def _lines(model: Any, table: Mapping[str, Any], path: str) -> Iterator[str]:
     for name, value in table.items():
         if not isinstance(value, Mapping):
             said = fields[name].description if name in fields and path else ""
-            yield from _line(tomli_w.dumps({name: value}).strip(), said)
+            items = [tomli_w.dumps({name: item}).strip() for item in (value if isinstance(value, list) else [value])]
+            text = f"{name} = [{', '.join(item.removeprefix(f'{name} = ') for item in items)}]"
+            yield from _line(text if isinstance(value, list) else items[0], said)
     for name, value in table.items():
         if isinstance(value, Mapping):
             inner = model[name] if isinstance(model, Mapping) else getattr(model, name)

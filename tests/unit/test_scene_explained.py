@@ -123,11 +123,12 @@ def test_a_material_of_a_draft_is_as_stiff_as_that_of_its_case():
     ("answers", "said"),
     [
         (Answers("flap-chanel"), 'did you mean "flap-channel"?'),
-        (Answers(what="both"), "what"),
+        (Answers(what="both"), "solve"),
+        (Answers("cook", "fsi"), 'solve = "fsi": accepted with this domain: "solid"'),
         (Answers(material="rubber"), "solid.flap.material"),
         (Answers(velocity="3 m"), "inflow.mean_velocity"),
         (Answers("cook", velocity="1 m/s"), "inflow"),
-        (Answers(end="soon"), "end"),
+        (Answers(end="soon"), 'time.end = "soon"'),
         (Answers(level="9"), "mesh.level"),
         (Answers(MESH), "mesh"),
         (Answers(MESH, mesh="no.msh"), "no.msh"),
@@ -144,8 +145,8 @@ def test_a_draft_of_ones_own_mesh_finds_walls_and_solids(tmp_path):
     vessel().write(tmp_path / "vessel.msh")
     text = draft("mine", Answers(MESH, mesh="vessel.msh", unit="mm"), tmp_path)
     geometry = tomllib.loads(text)["geometry"]
-    assert (geometry["file"], geometry["regions"]) == ("vessel.msh", {"fluid": ["lumen"], "wall": "wall"})
-    assert geometry["boundaries"] == {"inlet": "in", "outlet": "out", "clamped": "ends", "walls": ["inner"]}
+    assert (geometry["file"], geometry["regions"]) == ("vessel.msh", {"fluid": "lumen", "wall": "wall"})
+    assert geometry["boundaries"] == {"inlet": "in", "outlet": "out", "clamped": "ends", "walls": "inner"}
     assert Scene.from_toml(text).physics == "fsi"
     with pytest.raises(SceneError, match=r"outfow.*accepted"):
         draft("mine", Answers(MESH, mesh="vessel.msh", outlet="outfow"))
@@ -191,10 +192,13 @@ def terminal(monkeypatch, answers: list[str]) -> list[str]:
 
 
 def test_the_command_asks_at_most_six_questions(capsys, monkeypatch):
-    asked = terminal(monkeypatch, ["channel-cylinder", "fsi", "mooney-rivlin", "fast", "20 cm/s", "10 s", "0"])
+    asked = terminal(
+        monkeypatch, ["cylinder", "channel-cylinder", "fsi", "mooney-rivlin", "fast", "20 cm/s", "10 s", "0"]
+    )
     code, _, err = call(capsys, "new", "a.toml")
     scene = load_scene("a.toml")
-    assert code == 0 and len(set(asked)) == 6 and "inflow.mean_velocity" in err  # asked again
+    assert code == 0 and len(set(asked)) == 6
+    assert 'did you mean "channel-cylinder"?' in err and "inflow.mean_velocity" in err  # both asked again
     assert (scene.solid["beam"].material, scene.inflow.mean_velocity, scene.time.end) == ("mooney-rivlin", 0.2, 10.0)
 
 
