@@ -18,6 +18,44 @@ from ffsi.scene import Scene, load_scene
 # A shell that starts the tests in the background ignores SIGINT, and so would the processes that they interrupt.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
+# Parts of tests' names, as `pytest -v` prints them: variations of what a shorter test covers. `make verify` runs them.
+LONG = (
+    "test_aneurysm.py::test_a_cycle_is_the_trapezoidal_sum_over_its_states[newtonian]",
+    "test_aneurysm.py::test_the_sums_survive_a_kill",
+    "test_blood.py::test_a_damped_support_slows_the_roof",
+    "test_blood.py::test_against_backflow_the_reversed_flow_stays_bounded",
+    "test_blood.py::test_an_oscillating_channel_flow_is_womersleys",
+    "test_blood.py::test_both_solvers_of_a_step_find_the_same_with_a_support",
+    "test_direct.py::test_a_folder_of_another_script_is_refused",
+    *(f"test_direct.py::test_the_same_numbers_as_through_python[{case}" for case in ("flap", "aneurysm-", "turek-c")),
+    *(f"test_failures.py::test_a_killed_sweep_keeps_its_points_and_goes_on[{name}]" for name in ("SIGINT", "SIGTERM")),
+    "test_new_outlet.py::test_a_wrong_sign_is_caught[signs1]",
+    "test_new_outlet.py::test_it_goes_in_time[cylinder-2d2]",
+    "test_newton.py::test_steps_with_a_too_small_jacobian_are_refused",
+    "test_remote.py",
+    "test_step_solvers.py::test_a_far_too_large_step_becomes_a_smaller_one",
+    "test_step_solvers.py::test_a_far_too_strong_load_fails_with_the_last_good_state[inflow]",
+    "test_steps_in_time.py::test_steps_follow_the_accepted_error_and_hit_the_outputs",
+    "test_steps_in_time.py::test_the_energy_of_a_flow_around_a_beam",
+    "test_sweep.py::test_a_collapsed_solid_is_named_with_its_place",
+    "test_sweep.py::test_points_that_failed_are_not_tried_again",
+    "test_sweep.py::test_what_was_solved_before_the_collapse_is_kept",
+    *(
+        f"test_unsteady.py::test_a_script_killed_at_any_moment_comes_to_the_same_when_it_goes_on[{i}]"
+        for i in range(1, 5)
+    ),
+    "test_unsteady.py::test_killed_twice",
+    *(f"test_viscosity_laws.py::test_in_time_with_an_elastic_body[{law}]" for law in ("casson", "power-law")),
+)
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items):
+    for item in items:
+        if any(part in item.nodeid for part in LONG):
+            item.add_marker(pytest.mark.long)
+
+
 PLAIN = ("output.pictures=false", "output.vtu=false")
 
 

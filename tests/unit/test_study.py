@@ -19,6 +19,7 @@ from ffsi.cli.vary import parse_all, parse_vary
 from ffsi.files.errors import InputError
 from ffsi.hemodynamics.result import Result
 from ffsi.result.table import problems as table_problems
+from ffsi.run import design
 from ffsi.run import sweep as study
 from ffsi.run.design import columns_of
 from ffsi.run.plan import beyond, plan
@@ -223,11 +224,17 @@ def test_all_that_the_scene_refuses_is_told_at_once_with_the_point():
     assert "(point 2)" in text and "(point 3)" in text and "(point 5)" in text
 
 
-def test_of_very_many_points_corners_are_checked():
-    vary = {KEY: np.linspace(0.01, 0.1, 100), "geometry.flap_height": np.linspace(0.1, 0.2, 100)}
-    assert len(columns_of(SCENE, vary)[1]) == 10_000
+def test_of_very_many_points_corners_are_checked(monkeypatch):
+    monkeypatch.setattr(design, "_ALL_CHECKED", 50)
+    checked = []
+    monkeypatch.setattr(
+        design, "with_values", lambda scene, values: checked.append(values) or with_values(scene, values)
+    )
+    vary = {KEY: np.linspace(0.01, 0.1, 10), "geometry.flap_height": np.linspace(0.1, 0.2, 10)}
+    assert len(columns_of(SCENE, vary)[1]) == 100
+    assert len(checked) == 4
     with pytest.raises(SceneError, match=r"geometry\.flap_height"):
-        columns_of(SCENE, vary | {"geometry.flap_height": np.linspace(0.1, 2.0, 100)})
+        columns_of(SCENE, vary | {"geometry.flap_height": np.linspace(0.1, 2.0, 10)})
 
 
 @pytest.mark.parametrize("vary", [{"inflow.mean_velocitty": [0.1]}, {"mesh.level": [0, 7]}, {"mesh.level": [0.5]}])
