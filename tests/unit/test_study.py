@@ -19,7 +19,7 @@ from ffsi.cli.vary import parse_all, parse_vary
 from ffsi.files.errors import InputError
 from ffsi.hemodynamics.result import Result
 from ffsi.result.table import problems as table_problems
-from ffsi.run import design
+from ffsi.run import design as designs
 from ffsi.run import sweep as study
 from ffsi.run.design import columns_of
 from ffsi.run.plan import beyond, plan
@@ -225,7 +225,7 @@ def test_all_that_the_scene_refuses_is_told_at_once_with_the_point():
 
 
 def test_of_very_many_points_corners_are_checked(monkeypatch):
-    monkeypatch.setattr(design, "_ALL_CHECKED", 50)
+    monkeypatch.setattr(designs, "_ALL_CHECKED", 50)
     checked = []
     monkeypatch.setattr(
         design, "with_values", lambda scene, values: checked.append(values) or with_values(scene, values)
