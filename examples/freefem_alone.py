@@ -9,7 +9,7 @@ from pathlib import Path
 subprocess.run([sys.executable, "-m", "ffsi", "render", "turek-cfd1", "-o", "cfd1.edp"], check=True)
 
 out = Path("runs/direct")
-out.mkdir(parents=True)
+out.mkdir(parents=True, exist_ok=True)
 debian = {"FF_LOADPATH": "/usr/lib/freefem++;;", "FF_INCLUDEPATH": "/usr/include/freefem++/idp;;"}
 flags = ["-mesh_level", "0", "-inflow_mean_velocity", "0.1", "-out", str(out)]
 subprocess.run(["FreeFem++-nw", "-nw", "-ns", "-v", "0", "cfd1.edp", *flags], check=True, env={**os.environ, **debian})
