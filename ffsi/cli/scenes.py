@@ -24,7 +24,7 @@ from ffsi.files import folder, machine
 from ffsi.files.errors import InputError
 from ffsi.freefem import FreeFEMNotFound
 from ffsi.scene import CASES, Scene, SceneError, load_scene
-from ffsi.text import nearest, printable
+from ffsi.text import listed, nearest, printable
 
 if TYPE_CHECKING:
     from ffsi.run.meshing import Meshed
@@ -58,10 +58,12 @@ def keys(
     scene = None if case is None else load_scene(case)
     found = scene_keys(pattern, scene)
     if not found:
-        known = scene_keys("*", scene)
-        guess = nearest(pattern, [item.key for item in known])
+        known = [item.key for item in scene_keys("*", scene)]
+        # A part of a name is a search; else a word is misspelt.
+        guesses = dict.fromkeys(key for key in known if pattern in key) or filter(None, [nearest(pattern, known)])
+        meant = listed(f'"{guess}"' for guess in guesses)
         where = f" of {scene.name}" if scene else ""
-        raise InputError(f"no key{where} is {pattern!r}" + (f' (did you mean "{guess}"?)' if guess else ""))
+        raise InputError(f"no key{where} is {pattern!r}" + (f" (did you mean {meant}?)" if meant else ""))
     if json:
         sys.stdout.write(folder.to_json([dataclasses.asdict(item) for item in found]))
     else:

@@ -13,7 +13,7 @@ from typing import Any
 
 from ffsi.files import reading
 from ffsi.files.errors import InputError as InputError
-from ffsi.text import cut, nearest
+from ffsi.text import cut, listed, nearest
 
 SCRIPT = "case.edp"
 SCENE = "scene.toml"
@@ -85,6 +85,14 @@ def missing(directory: Path) -> str:
     beside = sorted(path.name for path in directory.parent.glob("*/")) if directory.parent.is_dir() else []
     guess = nearest(directory.name, beside)
     return " (it does not exist" + (f'; did you mean "{cut(directory.parent / guess)}"?)' if guess else ")")
+
+
+def no_run_folder(directory: Path) -> str:
+    """Return the words for what is no run folder, with those that it holds, or the most similar name beside it."""
+    if not directory.exists():
+        return f"{directory} is no run folder of ffsi{missing(directory)}"
+    inside = sorted(path for path in directory.glob("*/") if is_run_folder(path) or is_sweep_folder(path))
+    return f"{directory} is no run folder of ffsi" + (f"; it holds {listed(inside)}" if inside else "")
 
 
 def check_usable(directory: Path) -> None:

@@ -59,9 +59,7 @@ class PlainResult:
             SceneError: its `scene.toml` cannot be read.
         """
         if not folder.is_run_folder(directory):
-            raise InputError(
-                f"{directory} is no run folder of ffsi" + ("" if directory.exists() else folder.missing(directory))
-            )
+            raise InputError(folder.no_run_folder(directory))
         name, chain = folder.RESULT, (directory / folder.CHAIN).is_file()
         if point is not None and (chain or point != 1 or not (directory / name).is_file()):
             name = folder.numbered(folder.RESULT, point)

@@ -26,8 +26,7 @@ def check_resumable(directory: Path) -> Scene:
     if folder.is_sweep_folder(directory) or (directory / folder.CHAIN).is_file():
         raise InputError(f"{directory} belongs to a sweep; the same call of ffsi sweep goes on with it")
     if not folder.is_run_folder(directory):
-        missing = "" if directory.exists() else folder.missing(directory)
-        raise InputError(f"{directory} is no run folder of ffsi{missing}; there is nothing to resume")
+        raise InputError(f"{folder.no_run_folder(directory)}; there is nothing to resume")
     scene = load_scene(str(directory / folder.SCENE), [])
     _refuse_finished(scene, directory, directory / folder.RESULT)
     return scene

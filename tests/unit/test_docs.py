@@ -96,6 +96,9 @@ def test_the_command_lists_a_table_or_a_pattern(pattern, first, count, capsys):
     ("arguments", "message"),
     [
         (["fluid.densty"], "no key is 'fluid.densty' (did you mean \"fluid.density\"?)"),
+        (["turek-fsi1", "peak"], "no key of turek-fsi1 is 'peak' (did you mean \"inflow.peak_velocity\"?)"),
+        (["_velocity"], '(did you mean "inflow.mean_velocity", "inflow.peak_velocity"?)'),
+        (["xyz"], "no key is 'xyz'"),
         (["fluid", "--markdown"], "--markdown prints all keys: give no CASE, no PATTERN and no --json"),
     ],
 )

@@ -466,3 +466,7 @@ def test_report_needs_results(tmp_path):
     with pytest.raises(InputError, match="is no run folder"):
         write_report([tmp_path], tmp_path / "report.html")
     assert list(tmp_path.iterdir()) == []
+    (tmp_path / "study").mkdir()
+    (tmp_path / "study/sweep.toml").touch()
+    with pytest.raises(InputError, match=r"is no run folder of ffsi; it holds .*study$"):
+        write_report([tmp_path], tmp_path / "report.html")
