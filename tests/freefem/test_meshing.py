@@ -23,6 +23,11 @@ def test_the_mesh_is_that_of_the_scene(case):
     assert set(scene.exact_areas()) < words
 
 
+def test_a_geometry_with_its_solid_alone_has_a_mesh():
+    scene = Scene.from_toml(draft("mine", Answers("channel-cavity", what="solid", level="0")))
+    assert list(meshed(scene, mesh_of(scene).mesh)["regions"]) == ["floor"]
+
+
 def test_the_mesh_is_that_of_a_run(solved):
     result = solved("turek-fsi1")
     found = mesh_of(result.scene)
