@@ -355,16 +355,20 @@ def report(
     directories: Annotated[
         list[Path], typer.Argument(metavar="DIR...", help="Run folders and sweeps.", show_default=False)
     ],
-    output: Annotated[Path, typer.Option("-o", "--output", help="The HTML file.")] = Path("report.html"),
+    output: Annotated[
+        Path, typer.Option("-o", "--output", help="The HTML file, or a Markdown file if it ends in .md.")
+    ] = Path("report.html"),
+    title: Annotated[str | None, typer.Option("--title", help="Its heading.", show_default="names of cases")] = None,
+    author: Annotated[str | None, typer.Option("--author", help="Who wrote it.", show_default="your account")] = None,
 ) -> None:
-    """Write one self-contained HTML report."""
+    """Write one self-contained report, HTML or Markdown; a run that has not ended is shown as far as it got."""
     from ffsi.report import write_report
     from ffsi.run.direct import adopt
 
     check_output(output)
     for directory in directories:
         adopt(directory)
-    write_report(directories, output)
+    write_report(directories, output, title, author)
     show.note(f"wrote {output}")
 
 

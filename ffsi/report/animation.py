@@ -27,6 +27,19 @@ _SAMPLES = 4
 def write_animation(result: Result, name: str, output: Path) -> int:
     """Write `velocity`, `pressure` or `displacement` of every saved step as a GIF; return the number of its frames.
 
+    Raises:
+        InputError: fewer than two steps were saved, or the scene has no such field.
+    """
+    data, count = moving(result, name)
+    partial = output.with_name(f".{output.name}.part")
+    partial.write_bytes(data)
+    partial.replace(output)
+    return count
+
+
+def moving(result: Result, name: str, most: int | None = None, dpi: int = DPI) -> tuple[bytes, int]:
+    """Return the saved steps of a field as a GIF, and the number of its frames: all of them, or at most `most`.
+
     All frames have the same colours and the same window; the time is in their titles. Each is shown equally long.
 
     Raises:
@@ -38,6 +51,8 @@ def write_animation(result: Result, name: str, output: Path) -> int:
             f"{result.directory} holds {len(steps)} saved time steps, an animation needs two or more; "
             "time.output_interval says how often fields are saved"
         )
+    if most is not None and len(steps) > most:
+        steps = [steps[i] for i in np.linspace(0, len(steps) - 1, most).round().astype(int)]
     try:
         scale = pictures.common_scale(name, (result.fields_of(step) for step in steps))
     except ValueError as error:
@@ -47,7 +62,7 @@ def write_animation(result: Result, name: str, output: Path) -> int:
     def frame(step: SavedStep) -> Image.Image:
         title = f"{result.data['case']}, t = {step.time:{form}} s"
         with Image.open(
-            io.BytesIO(pictures.to_png(pictures.draw(name, result.fields_of(step), title, scale), DPI))
+            io.BytesIO(pictures.to_png(pictures.draw(name, result.fields_of(step), title, scale), dpi))
         ) as image:
             return image.convert("RGB")
 
@@ -58,10 +73,7 @@ def write_animation(result: Result, name: str, output: Path) -> int:
     frames[0].save(
         buffer, format="GIF", save_all=True, append_images=frames[1:], duration=round(1000 * seconds), loop=0
     )
-    partial = output.with_name(f".{output.name}.part")
-    partial.write_bytes(buffer.getvalue())
-    partial.replace(output)
-    return len(frames)
+    return buffer.getvalue(), len(frames)
 
 
 def _form(times: Sequence[float]) -> str:

@@ -13,6 +13,7 @@ from ffsi.hemodynamics.result import Result
 from ffsi.report import walls
 from ffsi.report.tables import Rows, cell, with_unit
 from ffsi.result.quantities import WORDS, in_table, unit
+from ffsi.scene import Aneurysm
 
 _OF_A_PART = re.compile(rf"({'|'.join(in_table('parts'))})_(mean|max|min|peak)_")
 _FORM = ".4g"
@@ -43,6 +44,11 @@ def _curves(result: Result) -> list[tuple[Figure, str]]:
     return [(figure, f"{text} along the walls, one curve per connected line, over the reference arc length.")]
 
 
+def has_stress(result: Result) -> bool:
+    """Return whether the picture of the stress is one of those of the walls."""
+    return isinstance(result.scene.geometry, Aneurysm) and bool(result.scene.solid)
+
+
 def _stress(result: Result) -> list[tuple[Figure, str]]:
     state = result.walls
     if not isinstance(state, AneurysmState) or not state.scene.solid:
@@ -69,8 +75,8 @@ def of_a_part(quantity: str) -> bool:
     return bool(_OF_A_PART.match(quantity))
 
 
-def part_table(result: Result) -> tuple[str, Rows] | None:
-    """Return heading and table with one row per part of the walls: mean, largest, smallest; None without walls.
+def part_table(result: Result) -> Rows | None:
+    """Return a table with one row per part of the walls: mean, largest, smallest; None without walls.
 
     Of the last cycle where the run has cycles, else of the last state.
     """
@@ -85,7 +91,7 @@ def part_table(result: Result) -> tuple[str, Rows] | None:
         return None
     head = ["part", *(with_unit(text, column) for column, text in columns.items())]
     body = [[part, *(cell(values.get(f"{column}{part}"), _FORM) for column in columns)] for part in parts]
-    return heading, Rows(head, body, [False, *[True] * len(columns)])
+    return Rows(head, body, [False, *[True] * len(columns)], heading)
 
 
 def _of_parts(result: Result) -> tuple[Mapping[str, Any], str]:
@@ -115,7 +121,7 @@ def cycle_table(result: Result) -> Rows | None:
         ]
         for cycle in cycles
     ]  # fmt: skip
-    return Rows(head, body, [True] * len(head))
+    return Rows(head, body, [True] * len(head), "Cycles")
 
 
 def flow_table(result: Result) -> Rows | None:
@@ -126,5 +132,5 @@ def flow_table(result: Result) -> Rows | None:
     names = [name for name in last if name in in_table("flow") or name.startswith(in_table("walls"))]
     return Rows(
         ["quantity", "value", "unit"], [[name, cell(last[name], ".8g"), unit(name)] for name in names],
-        [False, True, False],
+        [False, True, False], f"Flow at t = {result.data['time']['reached']:g} s",
     )  # fmt: skip

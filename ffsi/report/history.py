@@ -7,9 +7,12 @@ import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from ffsi.files.arrays import Floats
 from ffsi.report.curves import AXES, DRAWN, LINES, dress, legend
-from ffsi.report.tables import in_words
+from ffsi.report.tables import in_words, label
+from ffsi.result.oscillation import reference_column
 from ffsi.result.pictures import FAINT
+from ffsi.result.quantities import unit
 
 # Over time: title, axis label, column.
 TIME_PANELS = tuple(
@@ -19,6 +22,17 @@ TIME_PANELS = tuple(
 )
 ZOOMED = 2
 """Periods in the enlarged part of a history."""
+SHOWN = 10
+"""Periods, at most, in the phase plane and the spectrum."""
+_FEWEST, _LOWEST = 16, 1e-6
+MOTION_TEXT = (
+    "Phase plane of the signal that tells a period, one signal over the other (red: the end), and the spectrum of the "
+    f"first through a Hann window; of a periodic motion its last {SHOWN} periods."
+)
+ENERGY_TEXT = (
+    "Kinetic energy, and elastic, dissipated and supplied energy since the start; the imbalance is the error of the "
+    "steps in time and of the flow's mesh."
+)
 
 
 def time_history(history: pd.DataFrame, period: tuple[float, float] | None = None) -> Figure | None:
@@ -37,13 +51,76 @@ def time_history(history: pd.DataFrame, period: tuple[float, float] | None = Non
     figure = Figure(figsize=(11, 2.5 * len(panels)), layout="constrained", facecolor="white")
     widths = [2.2, 1.0] if period else [1.0]
     grid = figure.subplots(len(panels), len(widths), squeeze=False, sharex="col", width_ratios=widths)
-    for number, (row, (title, label, column)) in enumerate(zip(grid, panels, strict=True), start=1):
+    for number, (row, (title, name, column)) in enumerate(zip(grid, panels, strict=True), start=1):
         for axes, part in zip(row, (history, _end(history, period)), strict=False):
             axes.plot(part["time"], part[column], color=LINES[0], linewidth=1.1)
             if period:
                 axes.axvspan(*period, color=FAINT, alpha=0.15, linewidth=0)
             axes.ticklabel_format(axis="y", scilimits=(-4, 5), useMathText=True)
-            dress(axes, title if axes is row[0] else "", "time (s)" if number == len(panels) else "", label)
+            dress(axes, title if axes is row[0] else "", "time (s)" if number == len(panels) else "", name)
+    return figure
+
+
+def motion(history: pd.DataFrame, period: tuple[float, float] | None = None) -> Figure | None:
+    """Draw the phase plane of the signal that tells a period, lift over drag, and the spectrum of the signal.
+
+    Args:
+        history: one row per step: `time` (s) and the quantities in SI.
+        period: start and end of the last period, s: of what comes before its last `SHOWN` periods nothing is drawn.
+
+    Returns:
+        The figure, or None with too few steps, or without a signal.
+    """
+    name = reference_column(history)
+    if period is not None:
+        history = history[history["time"] >= period[1] - SHOWN * (period[1] - period[0])]
+    if name is None or len(history) < _FEWEST:
+        return None
+    t, y = history["time"].to_numpy(dtype=float), history[name].to_numpy(dtype=float)
+    planes = [(y, np.gradient(y, t), label(name), f"its rate ({unit(name)}/s)", "Phase plane")]
+    pair = next((pair for pair in (("tip_ux", "tip_uy"), ("drag", "lift")) if set(pair) <= set(history)), None)
+    if pair is not None:
+        first, second = (history[each].to_numpy(dtype=float) for each in pair)
+        planes.append((first, second, label(pair[0]), label(pair[1]), "One over the other"))
+    figure = Figure(figsize=(11, 3.6), layout="constrained", facecolor="white")
+    *axes_of_planes, last = figure.subplots(1, len(planes) + 1)
+    for axes, (across, up, x, above, title) in zip(axes_of_planes, planes, strict=True):
+        axes.plot(across, up, color=LINES[0], linewidth=0.9)
+        axes.plot(across[-1], up[-1], color=LINES[1], marker="o", markersize=5)
+        axes.ticklabel_format(axis="both", scilimits=(-3, 4), useMathText=True)
+        dress(axes, title, x, above)
+    last.semilogy(*spectrum(t, y), color=LINES[0], linewidth=1.1)
+    dress(last, "Spectrum", "frequency (Hz)", f"amplitude ({unit(name)})")
+    return figure
+
+
+def spectrum(t: Floats, y: Floats) -> tuple[Floats, Floats]:
+    """Return frequencies (Hz) and the amplitudes there of a signal without its mean, through a Hann window.
+
+    Only frequencies up to those of ten steps, and at least `_LOWEST` of the largest amplitude.
+    """
+    even = np.linspace(t[0], t[-1], len(t))
+    values = np.interp(even, t, y)
+    window = np.hanning(len(values))
+    sizes = np.abs(np.fft.rfft((values - values.mean()) * window)) * 2 / window.sum()
+    frequencies = np.fft.rfftfreq(len(values), even[1] - even[0])
+    shown = slice(1, max(len(frequencies) // 5, 4))
+    return frequencies[shown], np.maximum(sizes[shown], _LOWEST * sizes.max() or 1e-300)
+
+
+def energy(history: pd.DataFrame) -> Figure | None:
+    """Draw where the energy went, J per metre of depth, and what the balance misses; None without the columns."""
+    if history.empty or not {"kinetic", "elastic", "dissipated", "work"} <= set(history):
+        return None
+    figure = Figure(figsize=(11, 3.8), layout="constrained", facecolor="white")
+    axes = figure.add_subplot()
+    left = history["kinetic"] + history["elastic"] + history["dissipated"] - history["work"]
+    parts = {name: history[name] for name in ("work", "kinetic", "elastic", "dissipated")} | {"imbalance": left}
+    for i, (name, values) in enumerate(parts.items()):
+        axes.plot(history["time"], values, color=LINES[i], linewidth=1.2, label=name, linestyle="-" if i else "--")
+    axes.ticklabel_format(axis="y", scilimits=(-4, 5), useMathText=True)
+    dress(axes, "Energy", "time (s)", "energy per depth (J/m)")
+    legend(axes)
     return figure
 
 

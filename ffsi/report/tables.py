@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
+from typing import Any, ClassVar
 
 import pandas as pd
 
@@ -25,11 +25,26 @@ _ENDINGS = {"mean": "mean", "amplitude": "amplitude", "frequency": "frequency", 
 
 @dataclass
 class Rows:
-    """A table of text; `numeric` says which columns are aligned to the right."""
+    """A table of text.
 
+    Attributes:
+        head: names of the columns.
+        body: the cells.
+        numeric: which columns are aligned to the right.
+        title: heading.
+        note: text below it.
+        file: name and text of the file that it was made of, to be saved from the report; empty without.
+        folded: whether a reader opens it first.
+    """
+
+    kind: ClassVar[str] = "rows"
     head: Sequence[str]
     body: list[list[str]]
     numeric: Sequence[bool]
+    title: str = ""
+    note: str = ""
+    file: tuple[str, str] = ("", "")
+    folded: bool = False
 
 
 def with_unit(text: str, quantity: str) -> str:
@@ -46,9 +61,10 @@ def cell(value: Any, form: str) -> str:
 
 
 @cache
-def unit_of_key(key: str) -> str:
-    """Return the SI unit of a scene's dotted key; empty without one."""
-    return next((found for item in scene_keys(key) if (found := item.unit) not in ("", "1")), "")
+def about_key(key: str) -> tuple[str, str]:
+    """Return the SI unit of a scene's dotted key, empty without one, and its meaning."""
+    found = scene_keys(key)
+    return next((item.unit for item in found if item.unit not in ("", "1")), ""), found[0].meaning if found else ""
 
 
 def words(column: str) -> str:
@@ -61,12 +77,12 @@ def words(column: str) -> str:
     found = next((item for item in QUANTITIES if item.name == column), None)
     if found is None or not found.plot or found.plot.lower() == found.words:
         return column.replace("_", " ")
-    return f"{found.plot[0].lower()}{found.plot[1:]}, {in_words(found.words)}"
+    return f"{found.plot[0].lower()}{found.plot[1:]} {found.words}".replace("det F all", "det F")
 
 
 def label(column: str, units: Mapping[str, str] | None = None) -> str:
     """Return the same with the unit in brackets, unless that is 1; units of columns that are not given are known."""
-    known = (units or {}).get(column) or (unit_of_key(column) if "." in column else unit(column))
+    known = (units or {}).get(column) or (about_key(column)[0] if "." in column else unit(column))
     return words(column) if known in ("", "1") else f"{words(column)} ({known})"
 
 

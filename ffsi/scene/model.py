@@ -337,18 +337,23 @@ class Scene(Table):
         heading = f"Scene {self.name}: {what}, {'steady' if self.steady else 'in time'}"
         return heading + (f". {self.description}" if self.description else "")
 
+    def in_words(self) -> dict[str, str]:
+        """Return the values of each table of the scene with their units, by its name."""
+        return dict(_rows(self))
+
     def __repr__(self) -> str:
         """Return every table that the scene has, with the units of its values."""
-        rows = list(_rows(self))
-        width = max(len(name) for name, _ in rows)
-        return "\n".join([self.heading, *(f"  {name:<{width}}  {values}" for name, values in rows)])
+        tables = self.in_words()
+        width = max(map(len, tables))
+        return "\n".join([self.heading, *(f"  {name:<{width}}  {values}" for name, values in tables.items())])
 
     __str__ = __repr__
 
     def _repr_html_(self) -> str:
         left = 'style="text-align:left"'
         rows = (
-            f"<tr><th {left}>{escape(name)}</th><td {left}>{escape(values)}</td></tr>" for name, values in _rows(self)
+            f"<tr><th {left}>{escape(name)}</th><td {left}>{escape(values)}</td></tr>"
+            for name, values in self.in_words().items()
         )
         return f"<p><b>{escape(self.heading)}</b></p><table>{''.join(rows)}</table>"
 

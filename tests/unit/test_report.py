@@ -1,5 +1,6 @@
 """Pictures, curves and the HTML report."""
 
+import base64
 import io
 import re
 from dataclasses import replace
@@ -16,6 +17,7 @@ from run_folders import FakeCheck, FakeFreeFEM, exact, given_state, make_run, st
 from ffsi.files.errors import InputError
 from ffsi.hemodynamics.result import Result, load_result
 from ffsi.report import curves, formulas, history, write_report
+from ffsi.report.blocks import Picture
 from ffsi.result import gradients, pictures
 from ffsi.result.fields import Fields
 from ffsi.result.words import tally
@@ -23,6 +25,12 @@ from ffsi.run import chain, execute, one_scene, sweep
 from ffsi.scene import load_scene
 
 KEY = "inflow.mean_velocity"
+
+
+@pytest.fixture
+def quick(monkeypatch) -> None:
+    """Draw, but make no files of pictures: that takes most of the time."""
+    monkeypatch.setattr(Picture, "of", classmethod(lambda cls, figure, caption, maximum: cls(b"png", caption)))
 
 
 @pytest.fixture
@@ -227,11 +235,10 @@ def test_plot_takes_any_column_of_values():
     values = {"solid.flap.material": ["svk", "$", None], "output.vtu": [True, False, None], "mesh.level": [0.0, 1, 2]}
     drags = {"drag_mean": [1.0, 2, np.nan], "drag_min": [0.5, 1, np.nan], "drag_max": [2.0, 3, np.nan], "drag": np.nan}
     points = table(**values, **drags)
-    for x in (*values, KEY):
-        for by in (None, *values, KEY):
-            figure = curves.plot(points, x, "drag", by)  # each pair is drawn without an error
-            assert figure.axes[0].get_ylabel() == "drag, mean (N/m)"
-            pictures.to_png(figure, dpi=40)
+    for x, by in zip((*values, KEY), (KEY, *values), strict=True):
+        figure = curves.plot(points, x, "drag", by)
+        assert figure.axes[0].get_ylabel() == "drag, mean (N/m)"
+        assert colours(pixels(figure)) > 20
     axes = curves.plot(points, "solid.flap.material", "drag_mean", units={"drag_mean": "kN/m"}).axes[0]
     assert axes.get_ylabel() == "drag, mean (kN/m)"
     assert [text.get_text() for text in axes.get_xticklabels()] == ["svk", r"\$", "unset"]
@@ -320,9 +327,11 @@ def test_newton_history_is_logarithmic(tmp_path):
 def test_report_of_a_run(tmp_path):
     write_report([make_run(tmp_path / "run")], tmp_path / "report.html")
     html = (tmp_path / "report.html").read_text()
-    assert html.count("data:image/png;base64,") == 4
+    assert html.count("data:image/png;base64,") == 7  # domain, five fields, Newton's history
+    assert len(html) < 1_000_000
     assert not re.findall(r"(?:src|href)=\"(?!data:|#)", html)
-    for text in ("solved and checked", "<td>momentum</td>", "1.0e-11", "inflow.mean_velocity", "<td>drag</td>"):
+    for text in ("solved and checked", "<td>momentum</td>", "1.0e-11", "inflow.mean_velocity", "<td>drag</td>",
+                 "Reynolds number", "<td>m/s</td>", "ffsi run flap-svk "):  # fmt: skip
         assert text in html
     assert "Formulas: the paper and the standard form" in html
     assert "ρ η ∂u<sub>t</sub>/∂n" in html
@@ -346,18 +355,18 @@ def test_remarks_follow_the_material():
 
 
 def test_the_remark_about_the_density_follows_the_fluid():
-    assert "so the number is the same" in formulas.forces(load_scene("flap-svk", [])).here
-    assert "would differ by this factor" in formulas.forces(load_scene("flap-svk", ["fluid.density=2"])).here
+    assert "so the number is the same" in formulas.remarks(load_scene("flap-svk", []))[0].here
+    assert "would differ by this factor" in formulas.remarks(load_scene("flap-svk", ["fluid.density=2"]))[0].here
 
 
-def test_formulas_belong_to_the_flap_only(tmp_path, no_pictures):
+def test_formulas_belong_to_the_flap_only(tmp_path, quick, no_pictures):
     write_report([make_run(tmp_path / "run", case="turek-fsi1")], tmp_path / "report.html")
     html = (tmp_path / "report.html").read_text()
     assert "Formulas" not in html
     assert "14.29426" in html
 
 
-def test_text_is_escaped_everywhere(tmp_path):
+def test_text_is_escaped_everywhere(tmp_path, quick):
     evil = "<script>alert('x')</script>"
     path = make_run(
         tmp_path / "run", case_name=evil, status="failed", failure="check", reason=evil,
@@ -365,11 +374,13 @@ def test_text_is_escaped_everywhere(tmp_path):
     )  # fmt: skip
     write_report([path], tmp_path / "report.html", title=evil)
     html = (tmp_path / "report.html").read_text()
-    assert "<script" not in html
+    assert "<script>alert" not in html
     assert html.count("&lt;script&gt;") >= 6
+    write_report([path], tmp_path / "report.md", title=evil)
+    assert not re.search(r"(?<!\\)<script", (tmp_path / "report.md").read_text())
 
 
-def test_report_of_a_sweep(tmp_path, monkeypatch):
+def test_report_of_a_sweep(tmp_path, quick, monkeypatch):
     fake = FakeFreeFEM()
     fake.fail = 0.03
     monkeypatch.setattr(execute, "run_script", fake.run_script)
@@ -377,14 +388,21 @@ def test_report_of_a_sweep(tmp_path, monkeypatch):
         monkeypatch.setattr(module, "find_freefem", lambda: SimpleNamespace(has_mumps=True))
     monkeypatch.setattr(execute, "render", lambda scene, mumps: "// nothing\n")
     monkeypatch.setattr("ffsi.reference.check_run", FakeCheck())
-    sweep.sweep(load_scene("flap-svk", ["mesh.level=0"]), {KEY: [0.01, 0.02, 0.03]}, tmp_path / "sweep")
+    scene = load_scene("flap-svk", ["mesh.level=0", "output.pictures=false"])
+    sweep.sweep(scene, {KEY: [0.01, 0.02, 0.03]}, tmp_path / "sweep")
     write_report([tmp_path / "sweep"], tmp_path / "report.html")
     html = (tmp_path / "report.html").read_text()
-    assert "flap-svk, sweep over inflow.mean_velocity" in html
+    assert (
+        f"ffsi sweep flap-svk --set mesh.level=0 --set output.pictures=false --vary {KEY}=0.01,0.02,0.03 --out sweep"
+        in html
+    )
+    assert "flap-svk, sweep over mean inflow velocity" in html
     assert "2 of 3 points solved and checked; 1 not converged" in html
     assert "J too small" in html
     assert "inflow.mean_velocity = 0.02" in html
-    assert html.count("data:image/png;base64,") == 5
+    assert html.count("data:image/png;base64,") == 10  # curves, two points in the gallery, domain, five fields, Newton
+    table = re.search(r'download="sweep.csv" href="data:text/csv;charset=utf-8;base64,([^"]+)"', html)
+    assert base64.b64decode(table.group(1)).decode() == (tmp_path / "sweep" / "sweep.csv").read_text()
 
 
 @pytest.fixture
@@ -394,7 +412,7 @@ def no_pictures(monkeypatch):
     monkeypatch.setattr(pictures, "to_png", lambda *_, **__: b"")
 
 
-def test_only_what_was_checked_is_called_so(tmp_path, freefem, check, no_pictures):
+def test_only_what_was_checked_is_called_so(tmp_path, quick, freefem, check, no_pictures):
     """In the heading, in the table and in the colour of a sweep and of a run."""
     scene = load_scene("flap-svk", ["mesh.level=0"])
     sweep.sweep(scene, {KEY: [0.01, 0.02]}, tmp_path / "all")
@@ -432,22 +450,22 @@ def test_a_tally_takes_the_table_s_word(failures, checked, words):
     assert tally(table, 5)[0].endswith("; 2 not computed")
 
 
-def test_warnings_and_what_could_not_be_evaluated_stand_in_the_report(tmp_path, monkeypatch):
+def test_warnings_and_what_could_not_be_evaluated_stand_in_the_report(tmp_path, quick, monkeypatch):
     notes = [{"what": "effective stress", "why": "no <law>"}]
     folder = make_run(tmp_path / "run", warnings=["time.step is long"], not_evaluated=notes)
     pictures = Result.picture
     monkeypatch.setattr(Result, "picture", lambda self, name: pictures(self, name if name == "pressure" else "none"))
     write_report([folder], tmp_path / "report.html")
     html = (tmp_path / "report.html").read_text()
-    first = html.index("<section"), html.index("<figure")
+    first = html.index('<section id="first"'), html.index('<section id="s1"')
     for text in ("time.step is long", "not evaluated: effective stress: no &lt;law&gt;",
                  "not evaluated: picture of the velocity: no picture"):  # fmt: skip
         assert first[0] < html.index(text) < first[1]
-    assert html.count("data:image/png;base64,") == 2  # the pressure and Newton's history
+    assert html.count("data:image/png;base64,") == 5  # all but those two
     assert 'class="status bad">solved and checked' in html
 
 
-def test_warnings_of_a_sweep_are_counted(tmp_path, freefem, check, monkeypatch):
+def test_warnings_of_a_sweep_are_counted(tmp_path, quick, freefem, check, monkeypatch):
     monkeypatch.setattr(pictures, "draw", lambda *_, **__: 1 / 0)
     scene = load_scene("flap-svk", ["mesh.level=0"])
     table = sweep.sweep(scene, {KEY: [0.01, 0.02]}, tmp_path / "sweep")

@@ -1,0 +1,243 @@
+"""Whole reports: where their numbers are from, what a browser makes of them, Markdown, runs that have not ended."""
+
+import html
+import json
+import math
+import re
+import zlib
+from base64 import b64decode
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from browser import CHROMIUM, chromium
+from run_folders import make_run
+
+from ffsi.files.errors import InputError
+from ffsi.hemodynamics.result import Result, load_result, load_results
+from ffsi.report import refinement, runs, scene, viewer, write_report
+from ffsi.report.blocks import Picture
+from ffsi.run import one_scene, sweep
+from ffsi.scene import load_scene
+from ffsi.scene.keys import scene_keys
+
+KEY = "inflow.mean_velocity"
+NUMBER = re.compile(r"(?<![\w.])[-−+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?(?![\w])")
+
+
+@pytest.fixture
+def quick(monkeypatch) -> None:
+    """Make no files of pictures: that takes most of the time."""
+    monkeypatch.setattr(Picture, "of", classmethod(lambda cls, figure, caption, maximum: cls(b"png", caption)))
+
+
+def shown(text: str) -> dict[str, str]:
+    """Every number of a report with what stands before it, but those of commands, versions, scene.toml, formulas."""
+    hidden = r"<(style|script|pre)\b.*?</\1>|<header>.*?</header>|Versions: [^<]*|Formulas: the paper.*?<details"
+    text = html.unescape(re.sub(r"<[^>]*>", " ", re.sub(hidden, " ", text, flags=re.DOTALL)))
+    return {found.group(): text[max(0, found.start() - 60) : found.end()] for found in NUMBER.finditer(text)}
+
+
+def numbers(found: Any) -> list[float]:
+    """Every number in what a file holds, those in its texts among them."""
+    if isinstance(found, dict):
+        return [number for item in (*found, *found.values()) for number in numbers(item)]
+    if isinstance(found, list):
+        return [number for item in found for number in numbers(item)]
+    if isinstance(found, str):
+        return [float(text) for text in NUMBER.findall(found)]
+    return [float(found)] if isinstance(found, int | float) and not isinstance(found, bool) else []
+
+
+def traced(text: str, known: list[float]) -> bool:
+    """Whether a number, as it is shown, is one of those that are known, to the digits that it has."""
+    value = float(text.replace("−", "-"))
+    digits = max(1, len(re.sub(r"e.*|[-+−.]", "", text).lstrip("0")))
+    return any(value == float(f"{number:.{digits}g}") or math.isclose(value, number, rel_tol=1e-9) for number in known)
+
+
+def of_files(directory: Path) -> list[float]:
+    """Every number in the files of a run or a sweep that people may read."""
+    found: list[float] = []
+    for path in directory.rglob("*"):
+        if path.suffix == ".json":
+            found += numbers(json.loads(path.read_text()))
+        elif path.suffix == ".csv":
+            table = pd.read_csv(path)
+            found += [*table.select_dtypes("number").to_numpy(dtype=float).ravel(), *numbers(path.read_text())]
+            found += [float(len(table))]
+        elif path.suffix == ".toml":
+            found += numbers(path.read_text())
+    return [number for number in found if math.isfinite(number)]
+
+
+def of_point(result: Result) -> list[float]:
+    """Dimensionless numbers of a flap by formulas of this test's own, and how many numbers its tables have."""
+    point = result.scene
+    assert point.fluid is not None and point.inflow is not None and point.forces is not None
+    rho, mu, speed = point.fluid.density, point.parameters()["fluid.viscosity"], float(point.inflow.mean_velocity or 0)
+    flap = point.solid["flap"]
+    lame, shear = flap.lame
+    young, height = shear * (3 * lame + 2 * shear) / (lame + shear), point.forces.reference_length
+    inlet = float(load_scene("flap-svk", []).parameters()["geometry.height"])
+    ratios = [rho * speed * height / mu, flap.density / rho, young / (rho * speed**2), 1.5 * speed, speed * inlet]
+    check = [value for value in result.data["check"].values() if value is not None]
+    meanings = [item.meaning for item in scene_keys()]  # some tell a default
+    return [*ratios, len(check), len({**point.words(), **result.parameters}), *numbers(meanings)]
+
+
+def test_every_number_of_a_run_is_in_its_files(tmp_path, quick):
+    run = make_run(tmp_path / "run")
+    write_report([run], tmp_path / "report.html")
+    known = of_files(run) + of_point(load_result(run))
+    found = shown((tmp_path / "report.html").read_text())
+    assert len(found) > 30
+    assert [where for number, where in found.items() if not traced(number, known)] == []
+    assert not traced("123.4567", known)
+
+
+def test_every_number_of_a_sweep_is_in_its_files(tmp_path, quick, freefem, check):
+    freefem.fail = 0.03
+    base = load_scene("flap-svk", ["mesh.level=0", "output.pictures=false", "output.vtu=false"])
+    sweep.sweep(base, {KEY: [0.01, 0.02, 0.03], "fluid.density": [1.0, 2.0]}, tmp_path / "sweep")
+    write_report([tmp_path / "sweep"], tmp_path / "report.html")
+    table = pd.read_csv(tmp_path / "sweep" / "sweep.csv")
+    last = [result for result in load_results(tmp_path / "sweep") if result.converged][-1]
+    known = [*of_files(tmp_path / "sweep"), *of_point(last), *table["failure"].value_counts(), len(table)]
+    known += [float(table["checked"].sum())]
+    text = (tmp_path / "report.html").read_text()
+    assert [where for number, where in shown(text).items() if not traced(number, known)] == []
+    assert "Over both varied values" in text and "J too small" in text
+
+
+def test_a_command_makes_the_same_scene_or_is_not_told():
+    settings = ["mesh.level=0", "inflow.mean_velocity=0.03", "outlet.kind=do-nothing", "output.vtu=false"]
+    changed = load_scene("flap-svk", settings)
+    assert (
+        scene.command(changed) == "flap-svk --set mesh.level=0 --set inflow.mean_velocity=0.03 --set output.vtu=false"
+    )
+    assert scene.command(changed.model_copy(update={"name": "own"})) is None
+
+
+def test_a_series_of_meshes_tends_to_its_limit():
+    h = [0.4, 0.2, 0.1]
+    order, value = refinement.limit(h, [3 + 5 * size**2.5 for size in h])
+    assert (order, value) == (pytest.approx(2.5), pytest.approx(3))
+    for values in ([1, 2, 1], [1, 1, 1], [1, 2, 4]):
+        assert refinement.limit(h, values) is None
+
+
+def test_the_viewer_holds_the_fields(tmp_path):
+    result = load_result(make_run(tmp_path / "run"))
+    values = viewer.scalars(result, str(result.state_file))
+    data = viewer.encode(result.fields, values)
+    n, cells = data["nodes"], data["cells"]
+    packed = zlib.decompress(b64decode(data["data"]))
+    floats = np.frombuffer(packed, "<f4", (2 + len(values)) * n).reshape(-1, n)
+    np.testing.assert_allclose(floats[:2], result.fields.deformed.T, rtol=1e-6)
+    np.testing.assert_array_equal(
+        np.frombuffer(packed, "<i4", 6 * cells, 4 * floats.size).reshape(-1, 6), result.fields.cells
+    )
+    names = [field["name"] for field in data["fields"]]
+    assert {"speed", "pressure", "vorticity", "displacement", "effective stress"} <= set(names)
+    for name, row in zip(names, floats[2:], strict=True):
+        np.testing.assert_allclose(row, values[name][1], rtol=1e-4)
+    node = np.argmin(np.hypot(*(result.fields.points - [1.2, 0.2]).T))
+    there = result.at(*result.fields.points[node])
+    assert floats[2 + names.index("velocity x")][node] == pytest.approx(there["vx"], rel=1e-4)
+
+
+def test_a_run_that_was_killed_is_shown_as_far_as_it_got(tmp_path, quick, in_time, check):
+    found = load_scene("turek-csm3", ["mesh.level=0", "time.step=0.05", "time.end=2", "time.output_interval=0.2"])
+    in_time.stop_at = 24
+    one_scene.solve(found, tmp_path / "run")
+    (tmp_path / "run" / "result.json").unlink()
+    (result,) = runs.open_run(tmp_path / "run")
+    assert result.data["time"]["reached"] == pytest.approx(1.2)
+    write_report([tmp_path / "run"], tmp_path / "report.html")
+    text = (tmp_path / "report.html").read_text()
+    assert "it has not ended, or was ended from outside" in text
+    assert '<span class="status bad">FreeFEM died</span>' in text or "not converged" in text
+    assert "t = 1.2 of 2 s, 24 steps" in text
+    assert "data:image/gif;base64," in text
+    history = pd.read_csv(tmp_path / "run" / "history.csv")
+    assert f"{history['tip_uy'].iloc[-1]:.8g}" in text
+
+
+def test_a_folder_without_a_run_is_refused(tmp_path):
+    with pytest.raises(InputError, match="is no run folder"):
+        runs.open_run(tmp_path)
+
+
+def test_runs_stand_beside_each_other(tmp_path, quick):
+    paths = [make_run(tmp_path / name, case=case) for name, case in (("a", "flap-svk"), ("b", "flap-neo-hookean"))]
+    write_report(paths, tmp_path / "report.html", author="A. Person")
+    text = (tmp_path / "report.html").read_text()
+    table = text[text.index("Scenes side by side") : text.index("Scenes side by side") + 4000]
+    assert "st-venant-kirchhoff" in table and "neo-hookean" in table
+    assert text.index("Quantities side by side") < text.index('id="s2"')
+    assert "A. Person" in text
+
+
+def test_markdown_has_the_same_tables_and_its_pictures(tmp_path, monkeypatch):
+    monkeypatch.setattr(Picture, "of", classmethod(lambda cls, figure, caption, maximum: cls(b"png", caption)))
+    write_report([make_run(tmp_path / "run")], tmp_path / "report.md")
+    text = (tmp_path / "report.md").read_text()
+    assert re.search(r"\| quantity \| value \| unit \|\n\| --- \| ---: \| --- \|\n\| drag \|", text)
+    pictures = re.findall(r"!\[[^]]*\]\(([^)]+)\)", text)
+    assert len(pictures) == 7 and all((tmp_path / name).read_bytes() == b"png" for name in pictures)
+    assert "<td" not in text and "viewer" not in text
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="needs chromium (make test-system)")
+def test_a_browser_shows_and_prints_it(tmp_path, in_time, check):
+    """Nothing in the console, no request, nothing beyond the page's edge at 400 and 1600 px, fields drawn, a PDF."""
+    scene_in_time = load_scene(
+        "turek-csm3", ["mesh.level=0", "time.step=0.05", "time.end=1", "time.output_interval=0.5"]
+    )
+    one_scene.solve(scene_in_time, tmp_path / "swing")
+    run = make_run(tmp_path / "run", reason="a_word_that_is_so_long_that_it_would_go_beyond_the_edge_of_a_page" * 3)
+    write_report([run, tmp_path / "swing"], tmp_path / "report.html")
+    with chromium() as page:
+        for width, scheme in ((1600, "light"), (400, "dark")):
+            page.media("", scheme)
+            page.width(width)
+            page.open(tmp_path / "report.html")
+            assert page.value(DRAWN), "a field was not drawn"
+            assert page.value("document.documentElement.scrollWidth") <= width
+            assert page.value(BEYOND) == []
+            assert page.value(OVERLAP) == []
+            assert page.value("[...document.images].every(image => image.complete && image.naturalWidth > 0)")
+        assert page.value(LOOK).startswith("x = ")
+        page.value("document.querySelector('table.sortable th').click()")
+        assert page.value("document.querySelector('table.sortable th').getAttribute('aria-sort')") == "ascending"
+        page.media("print")
+        page.width(687)  # A4 between its margins
+        assert page.value(CUT) == []
+        assert page.pdf().startswith(b"%PDF")
+        assert page.complaints == []
+        assert page.requests == []
+
+
+DRAWN = """(async () => { for (let i = 0; i < 300; i++) {
+  const all = [...document.querySelectorAll(".viewer")];
+  if (all.length && all.every(each => each.dataset.drawn > 1000)) return true;
+  await new Promise(done => setTimeout(done, 20)); } return false; })()"""
+BEYOND = """[...document.querySelectorAll("body *")].filter(each => { const box = each.getBoundingClientRect();
+  return box.width && box.right > document.documentElement.clientWidth + 1 && !each.closest(".scroll"); })
+  .map(each => each.outerHTML.slice(0, 80))"""
+OVERLAP = """(() => { const found = [];
+  const all = [...document.querySelectorAll("section > *")].map(each => [each, each.getBoundingClientRect()]);
+  const over = (a, b, start, end) => Math.min(a[end], b[end]) - Math.max(a[start], b[start]) > 1;
+  for (const [a, p] of all) for (const [b, q] of all)
+    if (a !== b && p.width && q.width && over(p, q, "left", "right") && over(p, q, "top", "bottom"))
+      found.push([a.outerHTML.slice(0, 60), b.outerHTML.slice(0, 60)]);
+  return found; })()"""
+CUT = """[...document.querySelectorAll(".scroll:not(.wide)")]
+  .filter(each => each.scrollWidth > each.parentElement.clientWidth + 1).map(each => each.innerText.slice(0, 80))"""
+LOOK = """(() => { const canvas = document.querySelector("canvas.field"), box = canvas.getBoundingClientRect();
+  const at = {clientX: box.left + box.width / 2, clientY: box.top + box.height / 2};
+  canvas.dispatchEvent(new PointerEvent("pointermove", at));
+  return document.querySelector(".values").textContent; })()"""
