@@ -89,14 +89,6 @@ def column(table: pd.DataFrame, quantity: str) -> str | None:
     return quantity if quantity in table else None
 
 
-def heat_map(table: pd.DataFrame, x: str, y: str, value: str, units: Mapping[str, str] | None = None) -> Figure:
-    """Draw a column over two others, one cell per pair of their values; crosses are points that did not converge."""
-    figure, (axes,) = _grid(1)
-    _cells(figure, axes, table, x, y, value, units)
-    axes.set_title(label(value, units), loc="left", fontsize=11, color=INK)
-    return figure
-
-
 def sweep_curves(table: pd.DataFrame, keys: Sequence[str], units: Mapping[str, str] | None = None) -> Figure | None:
     """Draw forces, displacements and min J over the last varied key that takes several values.
 

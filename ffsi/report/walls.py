@@ -1,4 +1,4 @@
-"""Pictures of vessels: their mesh, the stress in their walls, curves along them."""
+"""Pictures of vessels: the stress in their walls, curves along them."""
 
 from __future__ import annotations
 
@@ -7,30 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 import pandas as pd
-from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 from ffsi.files.arrays import Floats
 from ffsi.report.curves import LINES
 from ffsi.result.fields import FLUID, Fields
-from ffsi.result.pictures import FAINT, INK, Scale, canvas, colour_bar, outline, split_triangles, velocity
+from ffsi.result.pictures import FAINT, INK, canvas, colour_bar, outline, split_triangles
 
-FLUID_COLOUR = "#c7dbef"
-WALL_COLOURS = ("#d98c86", "#8fbf8a")  # of the vessel and of the dome: red and green, as in the paper's figure
-_MARGIN = 0.1
 _FLAT = 1e-4
-
-
-def mesh_picture(fields: Fields, title: str = "") -> Figure:
-    """Draw the triangles before the deformation: the fluid blue, the walls of the vessel red, of the dome green."""
-    figure, axes = canvas(title, (fields.points.min(axis=0), fields.points.max(axis=0)))
-    colours = [FLUID_COLOUR, *WALL_COLOURS]
-    for region in np.unique(fields.region).tolist():
-        corners = fields.points[fields.cells[fields.region == region, :3]]
-        axes.add_collection(
-            PolyCollection(list(corners), facecolors=colours[region - 1], edgecolors=INK, linewidths=0.3)
-        )
-    return figure
 
 
 def wall_stress(fields: Fields, stress: Floats, top: float, title: str = "") -> Figure:
@@ -53,24 +38,6 @@ def wall_stress(fields: Fields, stress: Floats, top: float, title: str = "") -> 
     axes.add_collection(LineCollection(outline(before, walls), colors=FAINT, linewidths=0.6, linestyles="dashed"))
     colour_bar(figure, axes, colours, "effective stress (Pa)")
     return figure
-
-
-def velocity_within(fields: Fields, window: tuple[Floats, Floats], title: str = "") -> Figure:
-    """Draw the velocity within a window (its lower left and upper right corner, m), with colours of its own.
-
-    The range of the colours is that of the upper left half of the window, so that the flow past a dome does not hide
-    the one in it.
-    """
-    low, high = window
-    centre = fields.deformed[fields.cells].mean(axis=1)
-    across = (centre - low) / (high - low)
-    inside = ((across > -_MARGIN) & (across < 1 + _MARGIN)).all(axis=1)  # what sticks out is cut off by the axes
-    half = inside & (across[:, 1] > across[:, 0]) & (fields.region == FLUID)
-    speed = np.hypot(*fields.velocity.T)
-    top = float(speed[np.unique(fields.cells[half])].max())
-    shown = fields.velocity * np.minimum(1.0, top / np.maximum(speed, 1e-300))[:, None]
-    part = replace(fields, cells=fields.cells[inside], region=fields.region[inside], velocity=shown)
-    return velocity(part, title, Scale(0.0, top, window))
 
 
 OVER_DECADES = ("wss", "tawss", "rrt")

@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
 from ffsi.cli import show
 from ffsi.files import folder
+from ffsi.files.arrays import Floats
 from ffsi.hemodynamics.parts import NECK_ZONE, PARTS
 from ffsi.hemodynamics.result import Result, load_result
 from ffsi.report import walls
 from ffsi.result import pictures
+from ffsi.result.fields import FLUID, Fields
+from ffsi.result.pictures import INK, Scale, canvas
 from ffsi.result.quantities import check_maximum
 from studies.harness import Study, origin, run_all
 from studies.paper.flap import LEVEL, OUT, RUNS
@@ -123,7 +128,7 @@ def draw(results: Results) -> dict[str, Figure]:
     found: dict[str, Figure] = {}
     by_name = {variant.name: result for variant, result in results.items()}
     if "steady-elastic" in by_name:
-        found["figure-15-mesh"] = walls.mesh_picture(by_name["steady-elastic"].fields)
+        found["figure-15-mesh"] = mesh_picture(by_name["steady-elastic"].fields)
     if "pulsatile-elastic" in by_name:
         found |= _at_systole(by_name["pulsatile-elastic"])
     tables = {variant: result.wall for variant, result in results.items() if result.wall is not None}
@@ -157,8 +162,38 @@ def _at_systole(result: Result) -> dict[str, Figure]:
         ),
         "figure-17-pressure-aneurysm": pictures.draw("pressure", fields, title),
         "figure-18-velocity-aneurysm": pictures.draw("velocity", fields, title),
-        "figure-18-velocity-dome": walls.velocity_within(fields, (low - margin, high + margin), f"{title}: the dome"),
+        "figure-18-velocity-dome": velocity_within(fields, (low - margin, high + margin), f"{title}: the dome"),
     }
+
+
+def mesh_picture(fields: Fields, title: str = "") -> Figure:
+    """Draw the triangles before the deformation: the fluid blue, the walls of the vessel red, of the dome green."""
+    figure, axes = canvas(title, (fields.points.min(axis=0), fields.points.max(axis=0)))
+    colours = ["#c7dbef", "#d98c86", "#8fbf8a"]
+    for region in np.unique(fields.region).tolist():
+        corners = fields.points[fields.cells[fields.region == region, :3]]
+        axes.add_collection(
+            PolyCollection(list(corners), facecolors=colours[region - 1], edgecolors=INK, linewidths=0.3)
+        )
+    return figure
+
+
+def velocity_within(fields: Fields, window: tuple[Floats, Floats], title: str = "") -> Figure:
+    """Draw the velocity within a window (its lower left and upper right corner, m), with colours of its own.
+
+    The range of the colours is that of the upper left half of the window, so that the flow past a dome does not hide
+    the one in it.
+    """
+    low, high = window
+    centre = fields.deformed[fields.cells].mean(axis=1)
+    across = (centre - low) / (high - low)
+    inside = ((across > -0.1) & (across < 1.1)).all(axis=1)  # what sticks out is cut off by the axes
+    half = inside & (across[:, 1] > across[:, 0]) & (fields.region == FLUID)
+    speed = np.hypot(*fields.velocity.T)
+    top = float(speed[np.unique(fields.cells[half])].max())
+    shown = fields.velocity * np.minimum(1.0, top / np.maximum(speed, 1e-300))[:, None]
+    part = replace(fields, cells=fields.cells[inside], region=fields.region[inside], velocity=shown)
+    return pictures.velocity(part, title, Scale(0.0, top, window))
 
 
 def document(results: Results, drawn: Collection[str]) -> str:

@@ -66,11 +66,11 @@ def wall(cycle: int | None = None) -> pd.DataFrame:
 
 
 def test_pictures_of_mesh_stress_and_dome(fields: Fields) -> None:
-    assert shades(walls.mesh_picture(fields, "title")) > 20
+    assert shades(aneurysm.mesh_picture(fields, "title")) > 20
     stress = np.linspace(0, 1, len(fields.points))
     assert shades(walls.wall_stress(fields, stress, 1.0, "title")) > 20
     low, high = fields.deformed.min(axis=0), fields.deformed.max(axis=0)
-    assert shades(walls.velocity_within(fields, (low, (low + high) / 2))) > 20
+    assert shades(aneurysm.velocity_within(fields, (low, (low + high) / 2))) > 20
 
 
 def test_curves_shade_dome_and_neck() -> None:
