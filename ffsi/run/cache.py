@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from ffsi.files import folder
+from ffsi.files import folder, machine
 from ffsi.files.arguments import path_of
 from ffsi.files.errors import InputError
 from ffsi.hemodynamics.result import Result
@@ -46,19 +46,33 @@ class Cache:
         """Return whether a point is there."""
         return self._place(with_values(scene, values)).is_dir()
 
-    def copy(self, scene: Scene, values: Values, chain: Path) -> None:
-        """Make a chain of one point from what is kept, in an empty folder, and check it; its harvest tells the rest."""
+    def copy(self, scene: Scene, values: Values, chain: Path) -> Result | None:
+        """Make a chain of one point from what is kept, in an empty folder, and check it.
+
+        What is damaged there is taken out of the cache, and nothing is returned: the chain is of no use then.
+        """
         scene = with_values(scene, values)
+        place, made, problem = self._place(scene), None, "it is not complete"
         with folder.held(chain):
-            for path in self._place(scene).iterdir():
-                shutil.copyfile(path, chain / path.name)
-            folder.write_text(chain / folder.SCENE, stored(scene, chain).to_toml())
-            folder.write_json(chain / folder.CHAIN, {"points": [values]})
-            finish_point(scene, chain, 1, values)
+            try:
+                for path in place.iterdir():
+                    shutil.copyfile(path, chain / path.name)
+                folder.write_text(chain / folder.SCENE, stored(scene, chain).to_toml())
+                folder.write_json(chain / folder.CHAIN, {"points": [values]})
+                made = finish_point(scene, chain, 1, values)
+            except (ValueError, OSError) as error:
+                if machine.ended(error):
+                    raise
+                problem = machine.words(error)
+            if made is not None and not made.failure:
+                return made
+            logger.warning("%s: %s; it is taken out of the cache", place, made.reason if made is not None else problem)
+            shutil.rmtree(place, ignore_errors=True)
+        return None
 
     def keep(self, result: Result) -> None:
         """Keep the files of a point that was solved and checked, unless they are there."""
-        place = self._place(result.scene)
+        place, new = self._place(result.scene), None
         if result.failure or not result.checked or place.exists():
             return
         try:
@@ -72,7 +86,8 @@ class Cache:
             new.rename(place)
         except OSError as error:  # a full disk, or another study has kept it meanwhile
             logger.warning("%s is not kept in the cache: %s", result.file, error)
-            shutil.rmtree(new, ignore_errors=True)
+            if new is not None:
+                shutil.rmtree(new, ignore_errors=True)
 
     def _place(self, scene: Scene) -> Path:
         mesh = scene.geometry.digest if isinstance(scene.geometry, MeshGeometry) else ""

@@ -16,8 +16,13 @@ from ffsi.run.plan import Piece
 from ffsi.scene import Scene, load_scene, stored
 from ffsi.script.render import package_version
 
-LOST: tuple[type[BaseException], ...] = (BrokenExecutor, CancelledError)
+_LOST: tuple[type[BaseException], ...] = (BrokenExecutor, CancelledError)
 """What an executor raises for a piece whose worker has died, when it has no other worker."""
+
+
+def lost(error: BaseException) -> bool:
+    """Tell whether an error means that a worker died, or several one after the other at the same piece (of Dask)."""
+    return isinstance(error, _LOST) or type(error).__name__ == "KilledWorker"
 
 
 def executor_of(executor: Any, dask: Any) -> Executor | None:

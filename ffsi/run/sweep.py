@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
+import shutil
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -211,26 +212,43 @@ class _Study:
         self.pool, self.cache, self.check = pool, cache, check
         self.stop = Stop()
         self._folders = threading.Lock()
+        self._seen: set[tuple[Any, ...]] = set()
 
     def run(self, on_event: OnEvent | None) -> None:
         """Run what is missing; then, from their nearest solved neighbours, points that do not converge from rest."""
-        if self.cache is not None:
-            self._take_from_cache()
-        self._run(plan(self.scene, self.table.missing(), self.workers), on_event)
+        self._keep()
+        self._run(plan(self.scene, self._not_kept(self.table.missing()), self.workers), on_event)
         if self.scene.time is None and (alone := self.table.alone()):
             self._run(self._led(alone), on_event, leads=1)
-        if self.cache is not None:
-            for result in self.table.results.values():
+
+    def _keep(self) -> None:
+        """Keep what is new in the table, but of chains at work."""
+        if self.cache is None:
+            return
+        with self.table.lock:
+            results = list(self.table.results.items())
+        for at, result in results:
+            if at not in self._seen and not result.failure and not folder.is_held(result.directory):
+                self._seen.add(at)
                 self.cache.keep(result)
 
-    def _take_from_cache(self) -> None:
-        assert self.cache is not None
-        for values in self.table.missing():
+    def _not_kept(self, points: Sequence[Values]) -> list[Values]:
+        """Return the points that are not in the cache; take the others in."""
+        if self.cache is None:
+            return list(points)
+        left = []
+        for values in points:
+            result = None
             if self.cache.knows(self.scene, values):
                 chain = self.new_folder()
-                self.cache.copy(self.scene, values, chain)
-                for result in harvest(self.scene, chain, self.table.keys, check=self.check):
+                result = self.cache.copy(self.scene, values, chain)
+                if result is None:
+                    shutil.rmtree(chain, ignore_errors=True)
+                else:
                     self.table.add(result)
+            if result is None:
+                left.append(values)
+        return left
 
     def _led(self, alone: Sequence[Values]) -> list[Piece]:
         """Return points behind the nearest solved ones with their script and mesh, those of one such in one piece."""
@@ -257,6 +275,8 @@ class _Study:
             threads = max(1, (os.cpu_count() or 1) // self.workers) if self.workers > 1 else 1
 
             def work(piece: Piece) -> None:
+                if not leads and not (piece := self._not_kept(piece)):  # another study has solved it meanwhile
+                    return
                 self.table.count(1)
                 first = begun.get(place(piece[0], self.table.keys))
                 new = [self.new_folder() if first is None else first]
@@ -264,13 +284,19 @@ class _Study:
                     self.scene, piece, lambda: new.pop() if new else self.new_folder(), check=self.check, leads=leads,
                     on_event=on_event, on_result=self.table.add, threads=threads, stop=self.stop,
                 )  # fmt: skip
+                self._keep()
                 self.table.count(-1)
 
             with ThreadPoolExecutor(max_workers=self.workers, thread_name_prefix="ffsi-chain") as pool:
                 self._wait({pool.submit(work, piece): piece for piece in pieces}, pool, lambda _: None)
             return
-        tasks = {self.pool.submit(remote.work, remote.task(self.scene, p, self.check, leads)): p for p in pieces}
-        lost = self._wait(tasks, self.pool, self._fetch)
+        tasks: dict[Future[Any], Piece] = {}
+        try:
+            for piece in pieces:
+                tasks[self.pool.submit(remote.work, remote.task(self.scene, piece, self.check, leads))] = piece
+        except RuntimeError as error:  # it is broken already, or shut down
+            logger.warning("%s", error)
+        lost = [*self._wait(tasks, self.pool, self._fetch), *pieces[len(tasks) :]]
         if lost:  # by an executor that is of no use any more
             logger.warning("%d pieces were lost with their workers; they run on this machine", len(lost))
             self.pool = None
@@ -284,7 +310,9 @@ class _Study:
             for job in as_completed(tasks):
                 try:
                     take(job.result())
-                except remote.LOST as error:
+                except Exception as error:
+                    if not remote.lost(error):
+                        raise
                     logger.warning("a worker died: %s", error)
                     lost.append(tasks[job])
         except BaseException:  # Ctrl-C reaches this thread only
@@ -303,6 +331,7 @@ class _Study:
                 (chain / name).write_bytes(data)
             for result in harvest(self.scene, chain, self.table.keys, check=self.check):
                 self.table.add(result)
+        self._keep()
 
     def new_folder(self) -> Path:
         """Make the folder of another chain."""
