@@ -254,6 +254,7 @@ def sweep(
     from ffsi.run.design import columns_of
     from ffsi.run.sweep import sweep as run_sweep
     from ffsi.scene import with_values
+    from ffsi.scene.overrides import parse_overrides
 
     if jobs is not None and dask is not None:
         raise InputError("give either --jobs or --dask, not both")
@@ -269,7 +270,7 @@ def sweep(
             raise InputError("--vary or --points is missing: what is to be varied")
     elif seed is not None:
         said["seed"] = seed
-    scene = with_values(load_scene(said["scene"], settings), said["set"])
+    scene = with_values(with_values(load_scene(said["scene"]), said["set"]), parse_overrides(settings))
     varied: Any = read_points(Path(said["points"])) if said.get("points") else said["vary"]
     plan: dict[str, Any] = {
         "design": said.get("design") or "product",
@@ -288,7 +289,7 @@ def sweep(
         show.note(f"interrupted; the same call goes on with what is missing in {out}")
         raise
     if json:
-        sys.stdout.write(table.to_json(orient="records", indent=2) + "\n")
+        sys.stdout.write(folder.to_json(table.to_dict("records")))
     else:
         show.sweep(table, list(varied), out)
     failures = sorted({str(item) for item in table["failure"]})

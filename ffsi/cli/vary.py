@@ -69,12 +69,31 @@ def read_points(path: Path) -> Any:
     import pandas as pd
 
     try:
-        table = pd.read_csv(io.StringIO(read_text(path, LONGEST_TABLE)), dtype=str, skipinitialspace=True)
+        text = read_text(path, LONGEST_TABLE)
+        _check_cells(text)
+        table = pd.read_csv(io.StringIO(text), dtype=str, skipinitialspace=True, index_col=False)
     except ValueError as error:
         raise InputError(f"{path} is no table of points: {error}") from error
     if table.empty:
         raise InputError(f"{path} holds no points: a first line with keys and a line for each point are needed")
     return table.map(lambda cell: _item(str(path), cell) if isinstance(cell, str) else None)
+
+
+def _check_cells(text: str) -> None:
+    """Refuse what pandas would take for something else: a key that comes twice, more cells than keys."""
+    import csv
+    import io
+
+    lines = csv.reader(io.StringIO(text), skipinitialspace=True)
+    try:
+        keys = [cell.strip() for cell in next((cells for cells in lines if cells), [])]
+        if twice := next((key for i, key in enumerate(keys) if key in keys[:i]), None):
+            raise ValueError(f"the key {cut(twice)} comes twice")
+        for cells in lines:
+            if any(cell.strip() for cell in cells[len(keys) :]):  # after a decimal comma, say
+                raise ValueError(f"line {lines.line_num} has {len(cells)} cells under {len(keys)} keys")
+    except csv.Error as error:
+        raise ValueError(f"line {lines.line_num}: {error}") from error
 
 
 def read_study(path: Path) -> dict[str, Any] | None:
@@ -100,9 +119,14 @@ def read_study(path: Path) -> dict[str, Any] | None:
             raise InputError(f"{path}: {key} = {cut(repr(value), 60)}: accepted: {_TYPES[expected]}")
     if "scene" not in table:
         raise InputError(f"{path}: scene is missing: the name of a case, or the path of a scene's file")
-    vary = table.get("vary")
-    if vary is not None:
-        table["vary"] = _flat(vary)
+    if {"vary", "points"} <= set(table):
+        raise InputError(f"{path}: give either vary or points, not both")
+    if "vary" in table:
+        sampled = "samples" in table
+        table["vary"] = {
+            key: parse_vary(f"{key}={values}", sampled=sampled)[1] if isinstance(values, str) else values
+            for key, values in _flat(table["vary"]).items()
+        }
     table["set"] = _flat(table.get("set", {}))
     for key in ("scene", "points"):
         if key in table and (path.parent / table[key]).is_file():
@@ -117,7 +141,10 @@ def _flat(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     """Return nested tables as one with dotted keys."""
     flat: dict[str, Any] = {}
     for key, value in table.items():
-        flat |= _flat(value, f"{prefix}{key}.") if isinstance(value, Mapping) else {f"{prefix}{key}": value}
+        found = _flat(value, f"{prefix}{key}.") if isinstance(value, Mapping) else {f"{prefix}{key}": value}
+        if twice := flat.keys() & found:
+            raise InputError(f"{min(twice)} comes twice")
+        flat |= found
     return flat
 
 
@@ -146,8 +173,8 @@ def _item(key: str, text: str) -> Any:
     text = text.strip()
     if not text:
         raise InputError(f"--vary {cut(key)}: a value is empty")
-    if text in ("true", "false"):
-        return text == "true"
+    if text in ("true", "false", "True", "False"):  # pandas writes the latter
+        return text in ("true", "True")
     if len(text) > LONGEST_TEXT:
         raise InputError(f"--vary {cut(key)}: {cut(text, 60)!r} has more than {LONGEST_TEXT} characters")
     if not _NUMBER.fullmatch(text) or _NUMBER.fullmatch(text)[2]:  # type: ignore[index]

@@ -9,6 +9,7 @@ import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, get_args
 
+import numpy as np
 import pandas as pd
 from pydantic_core import PydanticCustomError
 
@@ -25,6 +26,7 @@ Columns = dict[str, list[Scalar | None]]
 MAXIMUM_POINTS = 100_000
 _ALL_CHECKED = 5_000
 """Points that are checked one by one before the first runs; of more, their corners are."""
+_NO_LIST = (str, bytes, bytearray, memoryview, Mapping, set, frozenset)
 _RANGE = "accepted: a range (low, high) of numbers in SI or texts with a unit, low < high"
 
 
@@ -52,7 +54,7 @@ def columns_of(
     if not sampled and (samples is not None or seed is not None):
         raise InputError('samples and seed belong to the designs "latin-hypercube" and "sobol"')
     if isinstance(vary, Mapping):
-        table = {_key(key): _values(key, values) for key, values in vary.items()}
+        table = {key: _values(key, values) for key, values in _named(vary.items()).items()}
     elif sampled or design == "zip":
         raise InputError(f'vary: with design = "{design}" accepted: a mapping of keys, not {type(vary).__name__}')
     else:
@@ -73,19 +75,20 @@ def columns_of(
         _check_count([len(next(iter(table.values())))])
     canonical = {key: [_canonical(value, rules(key)) for value in values] for key, values in table.items()}
     if design == "product":
-        canonical = {key: list(dict.fromkeys(values)) for key, values in canonical.items()}
+        canonical = {key: [value for value, _ in _once(values)] for key, values in canonical.items()}
         definition: dict[str, Any] = {"design": "product", "vary": canonical}
     else:
-        once = dict.fromkeys(zip(*canonical.values(), strict=True))
-        canonical = {key: [row[i] for row in once] for i, key in enumerate(canonical)}
+        once = _once(zip(*canonical.values(), strict=True))
+        canonical = {key: [row[i] for row, _ in once] for i, key in enumerate(canonical)}
         definition = {
             "design": "points",
             "vary": {k: ["" if v is None else v for v in c] for k, c in canonical.items()},
         }
     points = points_of(definition)
+    numbers = range(1, len(points) + 1) if design == "product" else [place for _, place in once]
     if not all(points):
-        raise InputError(f"point {1 + points.index({})} of the study sets no key")
-    _check(scene, points)
+        raise InputError(f"point {numbers[points.index({})]} of the study sets no key")
+    _check(scene, points, numbers)
     return definition, points
 
 
@@ -95,9 +98,29 @@ def _key(key: object) -> str:
     return key.strip()
 
 
+def _named(items: Iterable[tuple[object, Any]]) -> dict[str, Any]:
+    """Return what stands under keys, of which none may come twice."""
+    found: dict[str, Any] = {}
+    for key, values in items:
+        if (name := _key(key)) in found:
+            raise InputError(f"vary: {cut(name)} comes twice")
+        found[name] = values
+    return found
+
+
+def _once(values: Iterable[Any]) -> list[tuple[Any, int]]:
+    """Return each value once, with its first place, from 1; a truth value is no number."""
+    found: dict[Any, tuple[Any, int]] = {}
+    for place, value in enumerate(values, start=1):
+        parts = value if isinstance(value, tuple) else (value,)
+        found.setdefault(tuple((isinstance(part, bool), part) for part in parts), (value, place))
+    return list(found.values())
+
+
 def _values(key: str, values: Any) -> list[Scalar | None]:
     """Return the values of one key as Python's own numbers, texts and truth values; None where one is missing."""
-    several = isinstance(values, Iterable) and not isinstance(values, str | bytes | Mapping)
+    # (The order of a set is another one in the next process.)
+    several = isinstance(values, Iterable) and not isinstance(values, _NO_LIST)
     if not several or getattr(values, "ndim", 1) != 1:
         accepted = "accepted: a list of numbers, texts with a unit, names or truth values, such as [0.02, '4 cm/s']"
         raise InputError(f"vary {key} = {cut(repr(values), 60)}: {accepted}")
@@ -107,7 +130,7 @@ def _values(key: str, values: Any) -> list[Scalar | None]:
 
 
 def _value(key: str, value: Any) -> Any:
-    value = plain(value)
+    value = None if value is np.ma.masked else plain(value)
     if value is None or value is pd.NA or value is pd.NaT or (isinstance(value, float) and math.isnan(value)):
         return None
     if isinstance(value, str | bool | numbers.Real) or hasattr(value, "magnitude"):
@@ -118,12 +141,13 @@ def _value(key: str, value: Any) -> Any:
 def _listed(points: Any) -> dict[str, list[Any]]:
     """Return points that are given as rows, column by column."""
     if isinstance(points, pd.DataFrame):
-        return {_key(key): _values(key, points[key]) for key in points.columns}
+        return {key: _values(key, values) for key, values in _named(points.items()).items()}
     if not isinstance(points, Sequence) or isinstance(points, str) or not all(isinstance(p, Mapping) for p in points):
         accepted = "accepted: keys and their values, such as {'mesh.level': [0, 1]}, a DataFrame or a list of mappings"
         raise InputError(f"vary: {accepted}, not {cut(repr(points), 60)}")
-    keys = dict.fromkeys(_key(key) for point in points for key in point)
-    return {key: [_value(key, point.get(key)) for point in points] for key in keys}
+    rows = [_named(point.items()) for point in points]
+    keys = dict.fromkeys(key for row in rows for key in row)
+    return {key: [_value(key, row.get(key)) for row in rows] for key in keys}
 
 
 def _check_count(counts: Sequence[int]) -> None:
@@ -173,22 +197,24 @@ def _sample(table: Mapping[str, Sequence[Any]], design: str, samples: int, seed:
     return {key: column.tolist() for key, column in zip(ranges, scaled.T, strict=True)}
 
 
-def _check(scene: Scene, points: Sequence[Values]) -> None:
+def _check(scene: Scene, points: Sequence[Values], numbers: Sequence[int]) -> None:
     """Raise all that the scene does not accept; each problem once, with its first point.
 
     More than 5000 points take a while to check: of those the corners of the box of their numbers are, for each choice
     of texts, and only if one is refused all points. (Single values have passed their own bounds before; what a scene
     asks of several values together is monotonous in each of them.) A point is checked again before it runs.
     """
-    if len(points) > _ALL_CHECKED and not _problems(scene, _corners(points)):
+    if len(points) > _ALL_CHECKED and not _problems(scene, _corners(points), itertools.count(1)):
         return
-    if found := _problems(scene, points):
+    if found := _problems(scene, points, numbers):
         raise SceneError(list(found.values()))
 
 
-def _problems(scene: Scene, points: Iterable[Values]) -> dict[tuple[str, str | None, str], Problem]:
+def _problems(
+    scene: Scene, points: Iterable[Values], numbers: Iterable[int]
+) -> dict[tuple[str, str | None, str], Problem]:
     found: dict[tuple[str, str | None, str], Problem] = {}
-    for number, values in enumerate(points, start=1):
+    for number, values in zip(numbers, points, strict=False):
         try:
             with_values(scene, values)
         except SceneError as error:

@@ -21,7 +21,7 @@ def plain(value: Any) -> Any:
     """
     if isinstance(value, Decimal):
         return float(value)
-    if getattr(value, "ndim", None) == 0 and hasattr(value, "item"):
+    if getattr(value, "ndim", None) == 0 and hasattr(value, "dtype") and hasattr(value, "item"):
         return float(str(value)) if str(value.dtype) in ("float16", "float32") else value.item()
     return value
 

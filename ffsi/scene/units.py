@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import math
 import numbers
@@ -186,6 +187,8 @@ class Quantity(Checked):
 
             try:
                 number = float(value.to(_canonical(self.unit)).magnitude)
+                with contextlib.suppress(ValueError):  # the same digits as of the text, if its unit is one of ours
+                    number = to_si(f"{value.magnitude} {value.units:C}", self.unit)
             except (pint.PintError, TypeError, ValueError):
                 raise self.refused("the unit does not fit") from None
         elif isinstance(value, bool) or not isinstance(value, numbers.Real | Decimal):

@@ -15,12 +15,13 @@ import pytest
 
 import ffsi
 from ffsi.cli.main import main
-from ffsi.cli.vary import parse_all, parse_vary
+from ffsi.cli.vary import parse_all, parse_vary, read_points
 from ffsi.files.errors import InputError
 from ffsi.hemodynamics.result import Result
 from ffsi.result.table import problems as table_problems
 from ffsi.run import design as designs
 from ffsi.run import sweep as study
+from ffsi.run.cache import Cache
 from ffsi.run.design import columns_of
 from ffsi.run.plan import beyond, plan
 from ffsi.run.sweep import sweep
@@ -136,6 +137,7 @@ def points_with(values, key=KEY):
         np.linspace(0.02, 0.04, 2), np.array([0.02, 0.04], dtype=np.float32), pd.Series([0.02, 0.04]), (0.02, 0.04),
         [Decimal("0.02"), Decimal("0.04")], ["2 cm/s", "0.04 m/s"], pint.UnitRegistry().Quantity([2, 4], "cm/s"),
         [np.float64(0.02), "40 mm/s"], [0.02, 0.04, 0.04, "2 cm/s"],
+        [pint.UnitRegistry().Quantity(2, "cm/s"), pint.UnitRegistry().Quantity(0.04, "m/s")],
     ],
 )  # fmt: skip
 def test_values_of_any_type_are_numbers_in_si(values):
@@ -155,6 +157,9 @@ def test_values_of_any_type_are_numbers_in_si(values):
         ("inflow.profile", np.array(["parabolic", "uniform"]), ["parabolic", "uniform"]),
         ("mesh_motion.kind", pd.Series(["harmonic"], dtype="string"), ["harmonic"]),
         ("inflow.peak_velocity", ["3 cm/s"], [0.03]),
+        ("solid.flap.density", ["1 g/cm^3", pint.UnitRegistry().Quantity(1, "g/cm^3"), 1000], [1000.0]),
+        ("mesh.level", [1, True], None),  # equal for Python
+        ("output.vtu", [True, 1], None),
     ],
 )
 def test_values_are_what_the_scene_makes_of_them(key, values, found):
@@ -175,6 +180,12 @@ def test_points_may_be_rows_that_leave_keys_out():
         assert points == [{KEY: 0.02}, {KEY: 0.04, **mooney, "solid.flap.c10": 1.0, "solid.flap.bulk_modulus": 20.0}]
         assert definition["vary"]["solid.flap.c01"] == ["", 0.5]
     assert [len(piece) for piece in plan(SCENE, points)] == [1, 1]
+
+
+def test_keys_of_rows_may_have_blanks_and_points_are_numbered_as_given():
+    assert columns_of(SCENE, [{f" {KEY} ": 0.02, "mesh.level": 1}])[1] == [{KEY: 0.02, "mesh.level": 1}]
+    with pytest.raises(SceneError, match=r"mesh\.level = 9.*point 3"):
+        columns_of(SCENE, [{"mesh.level": 1}, {"mesh.level": 1}, {"mesh.level": 9}])
 
 
 def test_designs():
@@ -202,6 +213,10 @@ def test_designs():
         ({KEY: (0.1, 0.2)}, {"design": "sobol"}, "samples = None"),
         ({KEY: (0.1, 0.2)}, {"design": "sobol", "samples": 3, "seed": -1}, "seed = -1"),
         ({KEY: [None]}, {}, "a value is missing"),
+        ({KEY: np.ma.array([0.1, 0.2], mask=[False, True])}, {}, "a value is missing"),
+        ({KEY: {"1 cm/s", "2 cm/s"}}, {}, "a list of numbers"),  # without an order
+        ({KEY: [0.1], f"{KEY} ": [0.2]}, {}, "comes twice"),
+        (pd.DataFrame([[0.1, 0.2]], columns=[KEY, KEY]), {}, "comes twice"),
         ({KEY: "0.1"}, {}, "a list of numbers"),
         ({KEY: 0.1}, {}, "a list of numbers"),
         ({KEY: [[0.1]]}, {}, "a number, a text or a truth value"),
@@ -548,6 +563,25 @@ def test_pieces_of_a_pool_that_breaks_run_here(tmp_path, freefem):
     assert len(freefem.solved) == 9
 
 
+class KilledWorker(Exception):
+    """As Dask raises it for a piece at which several workers died."""
+
+
+@pytest.mark.parametrize("error", [BrokenExecutor("broken"), RuntimeError("shut down"), KilledWorker("3 workers")])
+def test_pieces_that_no_worker_takes_or_survives_run_here(tmp_path, freefem, error):
+    class Refusing(ThreadPoolExecutor):
+        def submit(self, *arguments, **named):
+            if isinstance(error, RuntimeError):
+                raise error
+            lost = Future()
+            lost.set_exception(error)
+            return lost
+
+    with Refusing(1) as pool:
+        table = sweep(SCENE, {KEY: [0.01], "mesh.level": [0, 1]}, tmp_path / "sweep", executor=pool)
+    assert table["status"].tolist() == ["converged"] * 2
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -578,6 +612,50 @@ def test_studies_that_share_a_cache_solve_no_point_twice(tmp_path, freefem, chec
     again = sweep(SCENE, {KEY: [0.03]}, tmp_path / "three", cache=tmp_path / "cache")
     assert freefem.solved == expected
     assert again["drag"].tolist() == [0.06]
+
+
+@pytest.mark.parametrize("damage", ["nothing", "missing", "cut", "refused"])
+def test_a_damaged_entry_of_the_cache_is_solved_again_and_replaced(tmp_path, freefem, check, monkeypatch, damage):
+    cache = tmp_path / "cache"
+    sweep(SCENE, {KEY: [0.01]}, tmp_path / "one", cache=cache)
+    entry = next(cache.iterdir())
+    if damage == "missing":
+        (entry / "point-0001.json").unlink()
+    elif damage == "cut":
+        (entry / "point-0001.json").write_text('{"point"')
+    check.wrong = 0.01 if damage == "refused" else None
+    copy = Cache.copy
+
+    def copied(self, *arguments):
+        try:
+            return copy(self, *arguments)
+        finally:
+            check.wrong = None
+
+    monkeypatch.setattr(Cache, "copy", copied)
+    table = sweep(SCENE, {KEY: [0.01]}, tmp_path / "two", cache=cache)
+    assert table["status"].tolist() == ["converged"]
+    assert len(freefem.solved) == (1 if damage == "nothing" else 2)
+    sweep(SCENE, {KEY: [0.01]}, tmp_path / "three", cache=cache)
+    assert len(freefem.solved) == (1 if damage == "nothing" else 2)
+    assert [path.name for path in (tmp_path / "two").glob("chain-*")] == ["chain-001"]
+
+
+def test_a_cache_that_cannot_be_made_costs_nothing_else(tmp_path, freefem):
+    (tmp_path / "file").write_text("")
+    table = sweep(SCENE, {KEY: [0.01]}, tmp_path / "s", cache=tmp_path / "file" / "cache")
+    assert table["status"].tolist() == ["converged"]
+
+
+def test_what_a_study_has_solved_before_it_is_interrupted_is_in_the_cache(tmp_path, freefem):
+    def interrupt(event):
+        if event.kind == "result" and event.integer("done") == 2:
+            raise KeyboardInterrupt
+
+    vary = {"mesh.level": [0, 1], KEY: [0.01]}
+    with pytest.raises(KeyboardInterrupt):
+        sweep(SCENE, vary, tmp_path / "one", cache=tmp_path / "cache", on_event=interrupt)
+    assert len(list((tmp_path / "cache").iterdir())) >= 1
 
 
 # What is read afterwards ----------------------------------------------------------------------------------------------
@@ -627,10 +705,41 @@ def test_a_study_s_file_and_a_file_of_points_say_the_same_as_python(tmp_path, fr
     for words in (["study.toml", "--out", "a"], ["flap-svk", *level, "--points", "points.csv", "--out", "b"]):
         with pytest.raises(SystemExit, match="0"):
             main(["sweep", *words])
+        printed = capsys.readouterr()
     sweep(SCENE, {KEY: [0.01, 0.02], "fluid.viscosity": [1e-3, 2e-3]}, "c", "zip")
     texts = {Path(name, "sweep.toml").read_text() for name in "abc"}
     assert len(texts) == 1
-    assert "1/2 inflow.mean_velocity = 0.01, fluid.viscosity = 0.001: converged" in capsys.readouterr().err
+    assert "1/2 inflow.mean_velocity = 0.01, fluid.viscosity = 0.001: converged" in printed.err
+
+
+def test_a_setting_of_the_call_wins_over_the_study_s_and_json_has_all_digits(tmp_path, freefem, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    Path("study.toml").write_text(STUDY.replace('"zip"', '"product"').replace('["1 cm/s", 0.02]', '"1:2:1 cm/s"'))
+    with pytest.raises(SystemExit, match="0"):
+        main(["sweep", "study.toml", "--set", "mesh.level=1", "--out", "a", "--json"])
+    rows = json.loads(capsys.readouterr().out)
+    assert [row[KEY] for row in rows] == [0.01, 0.01, 0.02, 0.02]
+    assert [row["check_maximum"] for row in rows] == [1e-11] * 4
+    assert tomllib.loads(Path("a/sweep.toml").read_text())["scene"]["mesh"]["level"] == 1
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("a,b\n0,02,1\n", "line 2 has 3 cells under 2 keys"),
+        ("a, a\n1,2\n", "a comes twice"),
+        ("a\n", "holds no points"),
+        ('a,b\n"x, y",True\n 2 ,\n', None),
+    ],
+)
+def test_a_file_of_points(tmp_path, text, message):
+    path = tmp_path / "points.csv"
+    path.write_text(text)
+    if message is None:
+        assert [column[0] for column in read_points(path).to_dict("list").values()] == ["x, y", True]
+    else:
+        with pytest.raises(InputError, match=message):
+            read_points(path)
 
 
 @pytest.mark.parametrize(
@@ -642,6 +751,8 @@ def test_a_study_s_file_and_a_file_of_points_say_the_same_as_python(tmp_path, fr
         (STUDY.replace("[vary]", "[[vary]]"), "accepted: a table"),
         (STUDY.replace("0.02", "-1"), "inflow.mean_velocity = -1"),
         (STUDY.replace("flap-svk", "flap-svq"), 'did you mean "flap-svk"'),
+        ('points = "p.csv"' + STUDY, "either vary or points"),
+        (STUDY + '"inflow.mean_velocity" = [1]\n', "comes twice"),
     ],
 )
 def test_what_is_no_study_is_refused(tmp_path, freefem, monkeypatch, capsys, text, message):
