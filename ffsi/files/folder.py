@@ -199,7 +199,8 @@ def write_text(path: Path, text: str) -> None:
         partial.write_text(text, encoding="utf-8")
         partial.replace(path)
     except OSError as error:
-        error.filename, error.filename2 = str(path), None  # a write that fails does not name its file
+        error.filename = str(path)  # a write that fails does not name its file
+        del error.filename2
         with contextlib.suppress(OSError):
             partial.unlink()  # on a full disk it only takes room
         raise

@@ -89,8 +89,8 @@ class PlainResult:
             best: dict[tuple[object, ...], Self] = {}  # of a point that was solved several times
             for chain in sorted(path for path in directory.glob("chain-*") if folder.is_run_folder(path)):
                 for result in cls._points(chain, believe):
-                    at = tuple((result.data.get("varied") or {}).values())
-                    if at not in best or result.rank > best[at].rank:
+                    at = tuple((result.data.get("varied") or {}).items())
+                    if at not in best or result.worth > best[at].worth:
                         best[at] = result
             results = list(best.values())
         elif (directory / folder.CHAIN).is_file():
@@ -293,6 +293,16 @@ class PlainResult:
         """How much this result is worth beside others of the same point."""
         ranks = {"": 4, "check": 3, "not-converged": 2, "not-reached": 1}
         return ranks.get(self.failure, 0) + int(self.checked)
+
+    @property
+    def worth(self) -> tuple[int, int]:
+        """What decides between two results of a point of a sweep: rank; of two as good the first chain's.
+
+        Of two that were not reached the last chain's, as that is where the point was given up.
+        """
+        digits = self.directory.name.rpartition("-")[2]
+        number = int(digits) if digits.isdecimal() else 0
+        return self.rank, number if self.failure == "not-reached" else -number
 
     @property
     def mesh(self) -> meshio.Mesh:

@@ -129,7 +129,7 @@ class _Table:
             known = self.results.get(at)
             if result.point > 1:
                 self.led.add(at)
-            if known is None or known.directory == result.directory or _worth(result) > _worth(known):
+            if known is None or known.directory == result.directory or result.worth > known.worth:
                 self.results[at] = result
                 if time.monotonic() >= self._next:
                     self._write()
@@ -194,11 +194,6 @@ class _Table:
                 study_definition.label(result.data["varied"]),
             )
         )
-
-
-def _worth(result: Result) -> tuple[int, list[int]]:
-    """Return what decides between two results of a point: the better one; of two as good that of the first chain."""
-    return result.rank, [-ord(letter) for letter in result.directory.name]
 
 
 class _Study:

@@ -319,11 +319,15 @@ def test_points_that_do_not_converge_have_a_row_and_are_not_tried_again(tmp_path
 def test_of_points_straight_beyond_two_that_fail_none_is_tried(tmp_path, freefem):
     freefem.limit = 0.025
     vary = {KEY: [0.01, 0.02, 0.03, 0.04, 0.05, 0.06]}
+    tables = []
     for _ in range(2):
         table = sweep(SCENE, vary, tmp_path / "sweep")
+        tables.append(table.to_csv())
+        assert table_problems(tmp_path / "sweep") == []
         assert table["failure"].tolist() == ["", "", *["not-converged"] * 2, *["not-reached"] * 2]
         assert table["reason"].tolist()[-1].startswith("not reached: point ")
     assert freefem.solved == [0.01, 0.02, 0.02]
+    assert tables[0] == tables[1]
     shutil.rmtree(tmp_path / "sweep" / "chain-002")  # as if a kill had come before the second one was tried
     assert sweep(SCENE, vary, tmp_path / "sweep")["status"].tolist() == table["status"].tolist()
 
@@ -679,6 +683,12 @@ def test_a_study_is_read_from_its_folder(tmp_path, freefem):
     for call in (lambda: study.result(4), lambda: study.plot(KEY, "drug"), lambda: ffsi.Study(tmp_path)):
         with pytest.raises(InputError):
             call()
+
+
+def test_rows_with_equal_values_of_different_keys_are_different_points(tmp_path, freefem):
+    sweep(SCENE, [{KEY: 1.0}, {"fluid.viscosity": 1.0}], tmp_path / "s")
+    assert len(ffsi.Study(tmp_path / "s").table) == 2
+    assert table_problems(tmp_path / "s") == []
 
 
 def test_rows_are_no_product(tmp_path, freefem):
