@@ -14,7 +14,7 @@ SYSTEM_PACKAGES := freefem++ libfreefem++ libfreefem++-dev libopenblas0-pthread
 # What the Python package gmsh loads, with which tests make meshes; a browser that looks at reports.
 TEST_PACKAGES := chromium fonts-dejavu-core libglu1-mesa libgl1 libxrender1 libxcursor1 libxft2 libxinerama1 libxext6 libxfixes3 libx11-6 libfontconfig1 libgomp1
 
-.PHONY: help setup system test-system run test verify verify-long verify-hard bench paper figures lint edp keys docs
+.PHONY: help setup system test-system run test verify verify-long verify-hard bench paper report figures lint edp keys docs
 
 help:
 	@echo "make setup   install what is missing: FreeFEM (apt) and the Python environment in $(VENV)"
@@ -25,6 +25,7 @@ help:
 	@echo "make verify-hard  scenes outside of the catalogue, solved rightly or refused with the cause: results/hard.* (hours; a second call goes on)"
 	@echo "make bench   error against seconds, cost ratios, mesh motions, time steps: results/bench-*, results/mesh-motion.*, docs/results.md"
 	@echo "make paper   the study of the paper's section 5: results/paper (minutes)"
+	@echo "make report  results/report.html, one page of the documents and pictures in results/"
 	@echo "make figures the README's picture, from the last point of 'make run'"
 	@echo "make lint    ruff and mypy"
 	@echo "make edp     render every case of the catalogue into edp/ again"
@@ -62,6 +63,9 @@ bench: setup
 paper: setup
 	@$(BIN)/python -m studies paper --jobs 2
 	@$(BIN)/python -m studies paper --aneurysm
+
+report: setup
+	@$(BIN)/python -m studies report
 
 figures: $(STUDY)/chain-001/velocity-0010.png
 	@mkdir -p results

@@ -106,6 +106,14 @@ def bench(
 
 
 @app.command()
+def report(out: Out = None) -> None:
+    """Write one HTML file, results/report.html, of all kept results: the paper's study, verification, bench."""
+    from studies.report import main
+
+    main(out or Path("results"))
+
+
+@app.command()
 def paper(
     aneurysm: Annotated[
         bool, _option("aneurysm", "Section 5.4 instead: the aneurysm, figures 15 to 18 (minutes).")

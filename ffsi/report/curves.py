@@ -15,6 +15,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from ffsi.files.errors import InputError
@@ -38,6 +39,7 @@ FAILURE: dict[str, Any] = {
 _PARTS = ("", "_mean", "_last")  # what stands for a quantity: its value, that of the last period, the last one
 _STYLES = ("-", "--", ":")
 _BINS = 5
+_WHOLE = 20  # range of whole numbers below which an axis shows these only
 _DECADES = 50.0  # quotient of the largest and the smallest value above which an axis is logarithmic
 _CELLS = 80  # of a heat map, at most, that have their number in them
 
@@ -98,11 +100,12 @@ def sweep_curves(table: pd.DataFrame, keys: Sequence[str], units: Mapping[str, s
         units: as in `plot`.
 
     Returns:
-        The figure, or None if there is nothing to draw. Points that did not converge are marked on the axis.
+        The figure, or None if there is nothing to draw, or so many values change at once that lines say nothing.
+        Points that did not converge are marked on the axis.
     """
     several = _several(table, keys)
     panels = _with_values(PANELS, table)
-    if not several or not panels:
+    if not several or not panels or (len(several) > 2 and not is_product(table, several)):
         return None
     along, by = several[-1], several[0] if len(several) == 2 else None
     if len(several) > 2:
@@ -164,7 +167,7 @@ def main_effects(table: pd.DataFrame, keys: Sequence[str], units: Mapping[str, s
         axes.plot(means["x"], means["y"], color=LINES[1], linewidth=1.6, marker="D", markersize=4.5)
         _mark_failures(axes, table, at, INK)
         _categories(axes, texts)
-        axes.ticklabel_format(axis="y", scilimits=(-4, 5), useMathText=True)
+        axes.ticklabel_format(axis="y", scilimits=(-4, 5), useMathText=True, useOffset=False)
         dress(axes, "", label(key, units) if i == len(names) - 1 else "", label(name, units) if j == 0 else "")
     return figure
 
@@ -250,7 +253,7 @@ def _panel(
     group, names = positions(table[by]) if by is not None else (pd.Series(0.0, table.index), None)
     values = sorted(group.unique())
     several, scale = len(values) > 1, None
-    if len(values) > MOST:
+    if several and len(values) * len(columns) > MOST:
         scale = (LogNorm if names is None and _spans_decades(group) else Normalize)(min(values), max(values))
     for i, value in enumerate(values):
         part = table[group == value].sort_values("_at")
@@ -279,10 +282,12 @@ def _panel(
         if names is not None:
             shown_at = np.unique(np.linspace(0, len(names) - 1, 2 * MOST).round().astype(int))
             bar.set_ticks(shown_at.tolist(), labels=[names[k] for k in shown_at])
-    axes.ticklabel_format(axis="y", scilimits=(-4, 5), useMathText=True)
+    axes.ticklabel_format(axis="y", scilimits=(-4, 5), useMathText=True, useOffset=False)
     _categories(axes, texts)
     if texts is None and _spans_decades(at):
         axes.set_xscale("log")
+    elif texts is None and (at % 1 == 0).all() and at.max() - at.min() < _WHOLE:
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     if any(name.startswith("min_jacobian") for name in columns):
         axes.axhline(0, color=LINES[1], linewidth=0.8, linestyle=":")
     return len(columns) > 1 or (several and scale is None) or NOT_CONVERGED in _entries([axes])

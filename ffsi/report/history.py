@@ -56,7 +56,7 @@ def time_history(history: pd.DataFrame, period: tuple[float, float] | None = Non
             axes.plot(part["time"], part[column], color=LINES[0], linewidth=1.1)
             if period:
                 axes.axvspan(*period, color=FAINT, alpha=0.15, linewidth=0)
-            axes.ticklabel_format(axis="y", scilimits=(-4, 5), useMathText=True)
+            axes.ticklabel_format(axis="y", scilimits=(-4, 5), useMathText=True, useOffset=False)
             dress(axes, title if axes is row[0] else "", "time (s)" if number == len(panels) else "", name)
     return figure
 
@@ -118,7 +118,7 @@ def energy(history: pd.DataFrame) -> Figure | None:
     parts = {name: history[name] for name in ("work", "kinetic", "elastic", "dissipated")} | {"imbalance": left}
     for i, (name, values) in enumerate(parts.items()):
         axes.plot(history["time"], values, color=LINES[i], linewidth=1.2, label=name, linestyle="-" if i else "--")
-    axes.ticklabel_format(axis="y", scilimits=(-4, 5), useMathText=True)
+    axes.ticklabel_format(axis="y", scilimits=(-4, 5), useMathText=True, useOffset=False)
     dress(axes, "Energy", "time (s)", "energy per depth (J/m)")
     legend(axes)
     return figure

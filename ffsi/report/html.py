@@ -8,7 +8,7 @@ import getpass
 import platform
 import re
 import shlex
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -62,13 +62,20 @@ def write_report(
             sections += [runs.run_section(result, maximum) for result in results]
             what = scene.command(results[0].scene) or "scene.toml"
             commands.append(f"ffsi run {what} --out {shlex.quote(path.name)}")
+    names = dict.fromkeys(section.title for section in sections if section.status)
+    commands.append(shlex.join(["ffsi", "report", *(path.name for path in paths), "-o", Path(output).name]))
+    write_sections(sections, output, title or "Report: " + ", ".join(names), author, commands)
+
+
+def write_sections(
+    sections: Sequence[Section], output: str | Path, title: str, author: str | None, commands: Sequence[str]
+) -> None:
+    """Write sections into one file, as `write_report` does; `commands` make them again."""
     for i, section in enumerate(sections, start=1):
         section.anchor = f"s{i}"
-    names = dict.fromkeys(section.title for section in sections if section.status)
     target = Path(output)
-    commands.append(shlex.join(["ffsi", "report", *(path.name for path in paths), "-o", target.name]))
     content: dict[str, Any] = {
-        "title": title or "Report: " + ", ".join(names), "author": author or _user(), "sections": sections,
+        "title": title, "author": author or _user(), "sections": sections,
         "date": datetime.date.today().isoformat(), "commands": commands, "versions": _versions(sections),
     }  # fmt: skip
     if target.suffix.lower() in MARKDOWN:
@@ -78,9 +85,7 @@ def write_report(
     for section in reversed(sections):
         if len(text.encode()) > LARGEST and section.viewers():
             note = f"Left out: with the fields of this point the report would be larger than {LARGEST / 1e6:g} MB."
-            section.blocks = [
-                Text(block.title, [note]) if block.kind == "viewer" else block for block in section.blocks
-            ]
+            section.blocks = [Text(each.title, [note]) if each.kind == "viewer" else each for each in section.blocks]
             text = _render("report.html.j2", content)
     folder.write_text(target, text)
 

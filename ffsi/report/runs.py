@@ -65,8 +65,8 @@ def open_run(directory: Path) -> list[Result]:
             raise
     run = load_scene(str(directory / folder.SCENE), [])
     data: dict[str, Any] = {
-        "case": run.name, "status": "failed", "failure": "crash", "reason": UNFINISHED, "quantities": {}, "check": {},
-        "timings": {}, "parameters": run.parameters(), "level": run.mesh.level,
+        "case": run.name, "status": "failed", "failure": in_time.STOPPED, "reason": UNFINISHED, "quantities": {},
+        "check": {}, "timings": {}, "parameters": run.parameters(), "level": run.mesh.level,
     }  # fmt: skip
     result = Result(run, directory, data)
     if run.time is not None and (directory / folder.TIME_HISTORY).is_file():

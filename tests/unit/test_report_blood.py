@@ -16,10 +16,16 @@ from test_hemodynamics import channel, poiseuille, state
 from ffsi.files.arrays import write_arrays, write_mesh, write_state
 from ffsi.hemodynamics.result import Result, load_result
 from ffsi.hemodynamics.walls import wall_points
-from ffsi.report import blood, walls, write_report
+from ffsi.report import blocks, blood, walls, write_report
 from ffsi.scene import CASES, Scene
 
 PERIOD = 0.5
+
+
+@pytest.fixture(autouse=True)
+def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nobody looks at the pictures of these reports."""
+    monkeypatch.setattr(blocks, "DPI", 20)
 
 
 def vessel(directory: Path, cycles: int = 0) -> Path:

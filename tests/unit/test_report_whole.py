@@ -22,14 +22,18 @@ from ffsi.report.blocks import Picture
 from ffsi.run import one_scene, sweep
 from ffsi.scene import load_scene
 from ffsi.scene.keys import scene_keys
+from studies import report
+from studies.__main__ import main
 
 KEY = "inflow.mean_velocity"
+SWING = ("mesh.level=0", "time.step=0.05", "output.pictures=false", "output.vtu=false")
 NUMBER = re.compile(r"(?<![\w.])[-−+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?(?![\w])")
 
 
 @pytest.fixture
 def quick(monkeypatch) -> None:
     """Make no files of pictures: that takes most of the time."""
+    monkeypatch.setattr(runs, "FRAME_DPI", 30)
     monkeypatch.setattr(Picture, "of", classmethod(lambda cls, figure, caption, maximum: cls(b"png", caption)))
 
 
@@ -150,7 +154,7 @@ def test_the_viewer_holds_the_fields(tmp_path):
 
 
 def test_a_run_that_was_killed_is_shown_as_far_as_it_got(tmp_path, quick, in_time, check):
-    found = load_scene("turek-csm3", ["mesh.level=0", "time.step=0.05", "time.end=2", "time.output_interval=0.2"])
+    found = load_scene("turek-csm3", [*SWING, "time.end=2", "time.output_interval=0.4"])
     in_time.stop_at = 24
     one_scene.solve(found, tmp_path / "run")
     (tmp_path / "run" / "result.json").unlink()
@@ -159,7 +163,7 @@ def test_a_run_that_was_killed_is_shown_as_far_as_it_got(tmp_path, quick, in_tim
     write_report([tmp_path / "run"], tmp_path / "report.html")
     text = (tmp_path / "report.html").read_text()
     assert "it has not ended, or was ended from outside" in text
-    assert '<span class="status bad">FreeFEM died</span>' in text or "not converged" in text
+    assert '<span class="status bad">stopped before its end</span>' in text
     assert "t = 1.2 of 2 s, 24 steps" in text
     assert "data:image/gif;base64," in text
     history = pd.read_csv(tmp_path / "run" / "history.csv")
@@ -181,8 +185,7 @@ def test_runs_stand_beside_each_other(tmp_path, quick):
     assert "A. Person" in text
 
 
-def test_markdown_has_the_same_tables_and_its_pictures(tmp_path, monkeypatch):
-    monkeypatch.setattr(Picture, "of", classmethod(lambda cls, figure, caption, maximum: cls(b"png", caption)))
+def test_markdown_has_the_same_tables_and_its_pictures(tmp_path, quick):
     write_report([make_run(tmp_path / "run")], tmp_path / "report.md")
     text = (tmp_path / "report.md").read_text()
     assert re.search(r"\| quantity \| value \| unit \|\n\| --- \| ---: \| --- \|\n\| drag \|", text)
@@ -192,7 +195,7 @@ def test_markdown_has_the_same_tables_and_its_pictures(tmp_path, monkeypatch):
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="needs chromium (make test-system)")
-def test_a_browser_shows_and_prints_it(tmp_path, in_time, check):
+def test_a_browser_shows_and_prints_it(tmp_path, monkeypatch, in_time, check):
     """Nothing in the console, no request, nothing beyond the page's edge at 400 and 1600 px, fields drawn, a PDF."""
     scene_in_time = load_scene(
         "turek-csm3", ["mesh.level=0", "time.step=0.05", "time.end=1", "time.output_interval=0.5"]
@@ -241,3 +244,22 @@ LOOK = """(() => { const canvas = document.querySelector("canvas.field"), box = 
   const at = {clientX: box.left + box.width / 2, clientY: box.top + box.height / 2};
   canvas.dispatchEvent(new PointerEvent("pointermove", at));
   return document.querySelector(".values").textContent; })()"""
+
+
+def test_the_documents_of_the_studies_are_one_page(tmp_path):
+    (tmp_path / "paper").mkdir()
+    (tmp_path / "paper" / "one.png").write_bytes(b"png")
+    (tmp_path / "paper" / "paper.md").write_text(
+        "# A *study* of `it`\n\nWords, **bold** <b>.\n\n![Figure 3](one.png)\n\n*Figure 3: it is `so`.*\n\n"
+        "## Part\n\n| name | value |\n| --- | ---: |\n| a \\| b | 1 |\n\n- one\n- two [there](https://x.y)\n"
+    )
+    with pytest.raises(SystemExit, match="0"):
+        main(["report", "--out", str(tmp_path)])
+    text = (tmp_path / "report.html").read_text()
+    for part in (
+        *("<b>bold</b> &lt;b&gt;.", "data:image/png;base64,cG5n", "<figcaption>Figure 3: it is", "<p>• one</p>"),
+        *('<td>a | b</td><td class="number">1</td>', "<h2>Part</h2>", '<a href="https://x.y">there</a>'),
+    ):
+        assert part in text
+    with pytest.raises(InputError, match="holds none of"):
+        report.main(tmp_path / "paper")
