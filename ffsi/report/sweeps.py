@@ -42,6 +42,7 @@ def sweep_section(directory: Path, maximum: int) -> tuple[Section, str]:
     results, definition = load_results(directory), study_definition.read(directory)
     keys, points = list(definition["vary"]), points_of(definition)
     known = {place(result.data["varied"], keys): result for result in results}
+    results = [known[at] for each in points if (at := place(each, keys)) in known]
     path = directory / TABLE
     table = read_frame(path) if path.is_file() else frame(directory, keys, points, known)
     units = units_of(table, keys)
@@ -137,7 +138,10 @@ def _effects(table: pd.DataFrame, keys: Sequence[str], units: dict[str, str]) ->
 
 
 def _at(result: Result) -> str:
-    return ", ".join(f"{words(key)} = {value_text(value)}" for key, value in result.data["varied"].items())
+    return ", ".join(
+        f"{words(key)} = {value_text(value)} {about_key(key)[0]}".rstrip()
+        for key, value in result.data["varied"].items()
+    )
 
 
 def _points(table: pd.DataFrame, keys: Sequence[str], units: dict[str, str]) -> list[Block]:
