@@ -94,9 +94,15 @@ class Section:
     programs: list[str] = field(default_factory=list)
     anchor: str = ""
 
-    def viewers(self) -> list[Viewer]:
-        """Return the blocks that are viewers."""
-        return [block for block in self.blocks if isinstance(block, Viewer)]
+    def leave_out(self, heavy: str, why: str) -> bool:
+        """Put words in the place of its blocks of a kind, or with pictures of a kind; return whether there was one."""
+        large = [block for block in self.blocks if heavy in (block.kind, *(each.kind for each in _pictures(block)))]
+        self.blocks = [Text(block.title, [why]) if block in large else block for block in self.blocks]
+        return bool(large)
+
+
+def _pictures(block: Block) -> list[Picture]:
+    return block.pictures if isinstance(block, Pictures) else []
 
 
 def marked(text: str) -> Markup:

@@ -19,13 +19,13 @@ from markupsafe import Markup
 from ffsi.files import folder
 from ffsi.files.errors import InputError
 from ffsi.report import runs, scene, sweeps
-from ffsi.report.blocks import Picture, Section, Text
+from ffsi.report.blocks import Picture, Section
 from ffsi.script.render import package_version
 from ffsi.text import printable
 
 MARKDOWN = (".md", ".markdown")
 LARGEST = 5_000_000
-"""Bytes that a report does not exceed by what it can leave out: fields to look into, from the last to the first."""
+"""Bytes that a report keeps to by what it leaves out: fields to look into, then animations, the last first."""
 _PICTURE, _PICTURES = 110_000, 40_000 * 60  # bytes of one picture, and about those of all of them
 
 
@@ -82,10 +82,9 @@ def write_sections(
         _write_markdown(target, content)
         return
     text = _render("report.html.j2", content)
-    for section in reversed(sections):
-        if len(text.encode()) > LARGEST and section.viewers():
-            note = f"Left out: with the fields of this point the report would be larger than {LARGEST / 1e6:g} MB."
-            section.blocks = [Text(each.title, [note]) if each.kind == "viewer" else each for each in section.blocks]
+    why = f"Left out: with this the report would be larger than {LARGEST / 1e6:g} MB."
+    for heavy, section in ((heavy, section) for heavy in ("viewer", "gif") for section in reversed(sections)):
+        if len(text.encode()) > LARGEST and section.leave_out(heavy, why):
             text = _render("report.html.j2", content)
     folder.write_text(target, text)
 

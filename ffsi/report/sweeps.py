@@ -105,20 +105,21 @@ def series_blocks(results: Sequence[Result], maximum: int) -> list[Block]:
 
 
 def gallery(results: Sequence[Result], maximum: int, *, slider: bool = True) -> list[Block]:
-    """Return the first picture of up to `CHOSEN` points with fields, all with the same colours and window."""
+    """Return the first picture of up to `CHOSEN` points with fields; in one geometry all have the same colours."""
     there = [result for result in results if result.state_file is not None]
     chosen = [there[i] for i in np.unique(np.linspace(0, len(there) - 1, CHOSEN).round().astype(int))] if there else []
     kinds = [pictures.available(result.fields) for result in chosen]
     name = next((name for name in (kinds[0] if kinds else []) if all(name in each for each in kinds)), None)
     if len(chosen) < 2 or name is None:
         return []
-    scale = pictures.common_scale(name, (result.fields for result in chosen))
+    alike = all(result.scene.geometry == chosen[0].scene.geometry for result in chosen)
+    scale = pictures.common_scale(name, (result.fields for result in chosen)) if alike else None
     found = []
     for result in chosen:
         text = f"The {name} at {_at(result)}." if result.data.get("varied") else f"The {name}, {result.title}."
         figure = pictures.draw(name, result.fields, result.title, scale)
         found.append(Picture.of(figure, text, maximum * 2 // 3))
-    return [Pictures(f"The {name} with the same colours", found, slider)]
+    return [Pictures(f"The {name}" + (" with the same colours" if alike else ""), found, slider)]
 
 
 def _command(directory: Path, definition: Mapping[str, Any]) -> str:

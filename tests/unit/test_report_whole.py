@@ -186,6 +186,18 @@ def test_runs_stand_beside_each_other(tmp_path, quick):
     assert "A. Person" in text
 
 
+def test_a_report_leaves_out_what_makes_it_large(tmp_path, quick, monkeypatch):
+    paths = [make_run(tmp_path / name) for name in ("a", "b")]
+    write_report(paths, tmp_path / "report.html")
+    whole = (tmp_path / "report.html").read_text()
+    assert whole.count("<canvas class=") == 2 and "Left out" not in whole
+    monkeypatch.setattr("ffsi.report.html.LARGEST", len(whole.encode()) - 1)
+    write_report(paths, tmp_path / "report.html")
+    text = (tmp_path / "report.html").read_text()
+    assert len(text) < len(whole) and text.count("<canvas class=") == 1
+    assert text.index("<canvas class=") < text.index("Left out: with this")
+
+
 def test_markdown_has_the_same_tables_and_its_pictures(tmp_path, quick):
     write_report([make_run(tmp_path / "run")], tmp_path / "report.md")
     text = (tmp_path / "report.md").read_text()
