@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from importlib import import_module
 from pathlib import Path
 from typing import Literal
 
@@ -72,6 +73,8 @@ def run_chain(
             folder.write_json(directory / folder.CHAIN, {"points": list(key_values)})
             arguments = _write_points(directory, names, key_values)
         with _Finisher(points, check, draw == "all", on_result) as finisher:
+            if draw != "none" and scene.output.pictures:  # loaded while the script makes its mesh, not at the end
+                finisher.pool.submit(import_module, "ffsi.result.pictures")
             died = None
             if arguments is not None:
                 listener = finisher.listen(on_event)
