@@ -19,6 +19,7 @@ print(f"{stopped.failure} at t = {stopped.history['time'].iloc[-1]:g} s")
 assert stopped.failure == "stopped"
 
 resumed = ffsi.resume("runs/stopped")
+assert "step=1 " not in Path("runs/stopped/freefem.log").read_text()  # only what came after the checkpoint is solved
 whole = ffsi.solve(scene, "runs/whole")
 assert len(resumed.history) == len(whole.history) == 12
 # The step at the stop is solved to round-off, as a last one; others to solver.step_tolerance.

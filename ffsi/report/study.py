@@ -35,7 +35,8 @@ class Study:
         """Read what the sweep is to solve and what was solved."""
         self.directory = path_of(directory, "directory")
         if not folder.is_sweep_folder(self.directory):
-            raise InputError(f"{self.directory} holds no sweep" + folder.missing(self.directory))
+            why = "" if self.directory.exists() else folder.missing(self.directory)
+            raise InputError(f"{self.directory} holds no sweep{why}")
         definition = study_definition.read(self.directory)
         self.keys: list[str] = list(definition["vary"])
         self.is_product: bool = definition["design"] == "product"

@@ -2,6 +2,8 @@
 
 import json
 import math
+import re
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -10,6 +12,7 @@ from time_folders import FREQUENCY, scene_in_time, signals
 
 import ffsi
 from ffsi.files import folder
+from ffsi.files.checkpoints import CHECKPOINT_VERSION
 from ffsi.files.errors import InputError
 from ffsi.files.history import read_history
 from ffsi.files.steps import SavedStep, read_steps
@@ -25,6 +28,8 @@ from ffsi.run.watch import Watch
 from ffsi.scene import load_scene
 
 pytestmark = pytest.mark.usefixtures("check")
+
+ROOT = Path(__file__).parents[2]
 
 
 def files(directory):
@@ -252,6 +257,16 @@ def test_a_resumed_run_that_dies_goes_on_again(tmp_path, in_time):
     assert ffsi.resume(str(tmp_path / "run")).converged
     assert in_time.first_steps == [1, 6, 16, 26]
     assert len(list((tmp_path / "run").glob("freefem-*.log"))) == 3
+
+
+def test_checkpoints_have_the_version_that_the_library_writes():
+    """Of another version none is taken, and each run that goes on starts over."""
+    library = (ROOT / "edp/lib/checkpoints.idp").read_text(encoding="utf-8")
+    versions = re.findall(r"head = \[(\d+), |head\[0\] != (\d+)", library)
+    versions += re.findall(
+        r"`checkpoint-b.bin`.*\[version=(\d+)(),", (ROOT / "docs/formats.md").read_text(encoding="utf-8")
+    )
+    assert ["".join(found) for found in versions] == [str(CHECKPOINT_VERSION)] * 3
 
 
 def test_the_checkpoint_in_use_is_not_the_next_one_to_be_written(tmp_path, in_time):

@@ -680,9 +680,11 @@ def test_a_study_is_read_from_its_folder(tmp_path, freefem):
     assert grid["drag"].attrs["units"] == "N/m"
     assert {path.suffix for path in study.write_fields([0])} == {".vtu", ".png"}
     assert repr(study).endswith("all 4 points solved and checked")
-    for call in (lambda: study.result(4), lambda: study.plot(KEY, "drug"), lambda: ffsi.Study(tmp_path)):
+    for call in (lambda: study.result(4), lambda: study.plot(KEY, "drug")):
         with pytest.raises(InputError):
             call()
+    with pytest.raises(InputError, match=r"holds no sweep$"):
+        ffsi.Study(tmp_path)
 
 
 def test_rows_with_equal_values_of_different_keys_are_different_points(tmp_path, freefem):

@@ -10,6 +10,7 @@ import numpy as np
 from run_folders import given_state, point_json, structured_mesh
 
 from ffsi.files.arrays import read_arrays, write_arrays, write_mesh, write_state
+from ffsi.files.checkpoints import CHECKPOINT_VERSION
 from ffsi.freefem import Completed, Event, FreeFEMError
 from ffsi.scene import Scene, load_scene
 
@@ -38,7 +39,7 @@ def signals(t: float) -> dict[str, float]:
 
 def write_checkpoint(path: Path, step: int, time: float, size: int = 7) -> None:
     state = np.full(size, float(step))
-    head, mark = np.array([3, step, size, 5, 3, 1, 0, 0, 0, 1, 1]), np.array([step])
+    head, mark = np.array([CHECKPOINT_VERSION, step, size, 5, 3, 1, 0, 0, 0, 1, 1]), np.array([step])
     factors = [mark, np.array([0.05, 0.5]), np.concatenate([state, state])]
     kept = [np.array([1, 1, 1]), mark, mark, np.zeros(9), np.concatenate([state, state])]
     write_arrays(path, [head, np.array([time, 0.05, 0.05, 0.05, 0.05, 2.0]), *[state] * 4, *factors, *kept, mark])
