@@ -29,8 +29,8 @@ STEPS = [
     *("mesh.level=0", "time.step=0.01", "time.end=0.2", "time.stop=end"),
     *("time.output_interval=0.045", "time.checkpoint_interval=0.05"),
 ]
-# Share of the steps after which the script is killed, and the part of a step that it is let go on; the first, which every
-# call of the tests runs, behind two checkpoints.
+# Share of the steps after which the script is killed, and the part of a step that it is let go on; the first, which
+# every call of the tests runs, behind two checkpoints.
 MOMENTS = sorted(np.random.default_rng(20).uniform((0.0, 0.0), (0.85, 1.0), (5, 2)).tolist(), reverse=True)
 
 
