@@ -35,6 +35,8 @@ _THRESHOLD = 0.5
 _AT_PEAK, _AT_CROSSING = 0.085, 0.085
 # An amplitude below this part of the largest value is rounding.
 _ROUNDING = 1e-11
+# A force below this part of another one is what steps leave that are solved to the default of solver.step_tolerance.
+_UNSOLVED = 1e-6
 _HARMONICS = 20
 # Periods that differ by more than this part of their standard deviation do not repeat.
 _DIFFERENT = 0.5
@@ -177,14 +179,15 @@ def oscillations(history: pd.DataFrame) -> dict[str, Oscillation]:
 def reference_column(history: pd.DataFrame) -> str | None:
     """Return the column whose period counts: `tip_uy`, without it `lift`; None without both.
 
-    `drag`, where the lift is but rounding beside it: on the walls of a channel and on whatever else is symmetric.
+    `drag`, where the lift is no more beside it than what ordinary steps leave unsolved: on the walls of a channel and on
+    whatever else is symmetric. What the start has left does not count.
     """
     tip, lift, drag = REFERENCES
     if tip in history.columns or lift not in history.columns:
         return tip if tip in history.columns else None
-    if drag in history.columns and len(history):
-        sizes = history[[lift, drag]].abs().max(skipna=False)
-        if sizes[drag] > 0 and sizes[lift] <= _ROUNDING * sizes[drag]:
+    if drag in history.columns and len(history) and history[lift].notna().all():
+        sizes = history[[lift, drag]][len(history) // 2 :].abs().max(skipna=False)
+        if sizes[drag] > 0 and sizes[lift] <= _UNSOLVED * sizes[drag]:
             return drag
     return lift
 

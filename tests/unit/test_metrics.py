@@ -298,6 +298,12 @@ def test_the_reference_column() -> None:
     flow = history[["time", "drag", "lift"]]
     assert reference_column(flow) == "lift"
     assert reference_column(flow.assign(lift=1e-12 * flow["lift"])) == "drag"
+    unsolved = flow.assign(
+        lift=1e-7 * flow["lift"]
+    )  # of a symmetric flow: the tolerance of its steps, more at the start
+    unsolved.loc[:3, "lift"] = 1e-3
+    assert reference_column(unsolved) == "drag"
+    assert reference_column(flow.assign(lift=1e-4 * flow["lift"])) == "lift"
     assert reference_column(flow[:0]) == "lift"
     assert reference_column(flow.assign(drag=0.0, lift=0.0)) == "lift"
     assert oscillations(flow)["drag"].frequency == pytest.approx(2 * F, rel=1e-4)
