@@ -179,8 +179,8 @@ def oscillations(history: pd.DataFrame) -> dict[str, Oscillation]:
 def reference_column(history: pd.DataFrame) -> str | None:
     """Return the column whose period counts: `tip_uy`, without it `lift`; None without both.
 
-    `drag`, where the lift is no more beside it than what ordinary steps leave unsolved: on the walls of a channel and on
-    whatever else is symmetric. What the start has left does not count.
+    `drag`, where the lift is no more beside it than what ordinary steps leave unsolved: on the walls of a channel and
+    on whatever else is symmetric. What the start has left does not count.
     """
     tip, lift, drag = REFERENCES
     if tip in history.columns or lift not in history.columns:

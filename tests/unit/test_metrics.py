@@ -301,7 +301,7 @@ def test_the_reference_column() -> None:
     unsolved = flow.assign(
         lift=1e-7 * flow["lift"]
     )  # of a symmetric flow: the tolerance of its steps, more at the start
-    unsolved.loc[:3, "lift"] = 1e-3
+    unsolved.loc[:3, "lift"] = 1e-3  # at the start
     assert reference_column(unsolved) == "drag"
     assert reference_column(flow.assign(lift=1e-4 * flow["lift"])) == "lift"
     assert reference_column(flow[:0]) == "lift"
