@@ -6,13 +6,16 @@ import io
 import logging
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 
 from ffsi.files import folder
 from ffsi.files.errors import InputError
 from ffsi.files.reading import LONGEST_TABLE, read_text
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 logger = logging.getLogger(__name__)
 
@@ -64,6 +67,8 @@ def seconds_of_run(history: pd.DataFrame) -> float:
 
 def read_rows(path: Path) -> pd.DataFrame:
     """Return the complete rows of a table; raises InputError if the file is missing, empty or damaged."""
+    import pandas as pd
+
     lines = lines_of(path)
     if not lines:
         raise InputError(f"{path} is missing or empty")

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 
 from ffsi.files.arrays import Floats, RawMesh
 from ffsi.files.cycles import WallCycle
 from ffsi.hemodynamics.parts import over_parts, wall_frame
 from ffsi.hemodynamics.walls import at_nodes, wall_labels, wall_points
 from ffsi.scene import Scene
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 _INDICES = ("tawss", "osi", "rrt")
 
@@ -23,6 +25,8 @@ def cycle_tables(scene: Scene, mesh: RawMesh, cycles: Sequence[WallCycle]) -> pd
     Columns: `cycle`, those of `parts.wall_frame`, `tawss`, `peak` (Pa), `osi`, `rrt` (1/Pa), and `mean_x`, `mean_y`,
     the mean of the stress over the cycle (Pa).
     """
+    import pandas as pd
+
     points = wall_points(mesh, wall_labels(scene))
     where = wall_frame(scene, points)
     tables = []

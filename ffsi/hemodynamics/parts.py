@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from ffsi.files.arrays import Floats
@@ -13,6 +13,9 @@ from ffsi.hemodynamics.walls import WallPoints, wall_labels
 from ffsi.scene import Scene, boundaries
 from ffsi.scene.boundaries import DOME_WALL, STRUTS
 from ffsi.scene.geometry import Aneurysm
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 PARTS = ("dome", "neck", "vessel")
 """Parts of an aneurysm's walls."""
@@ -74,6 +77,8 @@ def wall_frame(scene: Scene, points: WallPoints) -> pd.DataFrame:
     "inner" for the vessel's inner wall, from the outlet to the inlet, "stent" for the struts. Elsewhere it is the
     number of the connected line of edges, and the part is the boundary's name.
     """
+    import pandas as pd
+
     if isinstance(scene.geometry, Aneurysm):
         with_dome = np.unique(points.chain[points.label == DOME_WALL])
         line = np.where(points.label >= STRUTS, "stent", "inner")

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
-
-import pandas as pd
+from typing import TYPE_CHECKING, Any
 
 from ffsi.files.arguments import count_of, path_of
 from ffsi.files.arrays import Floats, read_state
@@ -17,6 +15,9 @@ from ffsi.hemodynamics.state import WallState, reports_walls
 from ffsi.result.evaluation import Evaluations
 from ffsi.result.result import PlainResult
 from ffsi.scene import Aneurysm
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 class Result(PlainResult):

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 
 from ffsi.files.arrays import Floats, RawMesh, RawState
 from ffsi.hemodynamics.flow import rates
@@ -16,6 +16,9 @@ from ffsi.result.evaluation import Evaluations
 from ffsi.result.fields import Fields
 from ffsi.scene import Scene
 from ffsi.scene.geometry import Aneurysm, Channel, MeshGeometry
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 VESSELS = (Aneurysm, Channel, MeshGeometry)
 """Geometries whose walls are reported; others have forces on bodies."""

@@ -4,12 +4,13 @@ The Jacobian is assembled from element matrices (27 local unknowns in the fluid,
 step differentiates: it knows nothing of the formulas inside, and has no error of differences.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.sparse import coo_array, csc_array, diags_array
-from scipy.sparse.linalg import SuperLU, splu
 
 from ffsi.files.arrays import Floats, Ints, RawState
 from ffsi.reference import momentum, terms
@@ -20,6 +21,10 @@ from ffsi.reference.residual import Residual, compute_residual
 from ffsi.reference.sizes import unknown_sizes
 from ffsi.reference.step import Step
 from ffsi.reference.system import FluidPart, Mask, SolidPart, System
+
+if TYPE_CHECKING:  # a check of a solved state needs none of it, and it takes a quarter of a second to load
+    from scipy.sparse import csc_array
+    from scipy.sparse.linalg import SuperLU
 
 _COMPLEX_STEP = 1e-30
 _SHORTEST_STEP = 2.0**-10
@@ -95,6 +100,8 @@ def solve_step(
 
 def jacobian(system: System, state: RawState) -> csc_array:
     """Jacobian of ``residual_vector`` by the unknowns in the order u, v, p, ps, (N, N)."""
+    from scipy.sparse import coo_array, diags_array
+
     source, given = _row_sources(system)
     size, unknowns = len(source), _flat(state)
     rows, columns, values = [], [], []
@@ -280,8 +287,11 @@ class Factors:
     factors: SuperLU
 
     @classmethod
-    def of(cls, system: System, state: RawState) -> "Factors":
+    def of(cls, system: System, state: RawState) -> Factors:
         """Factorise the Jacobian of a state. Raises ``ConvergenceError`` if it is singular."""
+        from scipy.sparse import diags_array
+        from scipy.sparse.linalg import splu
+
         sizes = [size or 1.0 for size in unknown_sizes(system, state)]
         columns = np.repeat(sizes, [values.size for values in state.fields])
         matrix = jacobian(system, state) @ diags_array(columns)

@@ -5,9 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
-
-import pandas as pd
+from typing import TYPE_CHECKING, Any
 
 from ffsi.files import folder
 from ffsi.files.errors import InputError
@@ -17,6 +15,9 @@ from ffsi.result import oscillation, resolution
 from ffsi.result.evaluation import Notes, attempt
 from ffsi.result.oscillation import Oscillation, Periodicity
 from ffsi.scene import Scene
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 PERIODS = 2 * oscillation.BLOCK + 2
 """Periods, at least, between the end of the inflow's ramp and a stop."""
@@ -52,6 +53,8 @@ def complete(data: dict[str, Any], scene: Scene, directory: Path) -> None:
     `time.last`. A run that was asked to stop before its end gets the failure `stopped`, and one whose history is no
     sequence of steps the failure `check`. `warnings` say where the steps are too large.
     """
+    import pandas as pd
+
     assert scene.time is not None
     last = data["quantities"]
     try:
@@ -154,6 +157,8 @@ def _quantities(history: pd.DataFrame, notes: Notes) -> dict[str, Any]:
 
 def _counts(directory: Path, history: pd.DataFrame) -> dict[str, int]:
     """Return iterations of all steps, and factorisations, those of refused steps among them."""
+    import pandas as pd
+
     if history.empty:
         return {}
     newton = directory / folder.HISTORY

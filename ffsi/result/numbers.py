@@ -6,7 +6,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from scipy.integrate import trapezoid
 
 from ffsi.files.arrays import Floats
 from ffsi.scene import Scene
@@ -56,6 +55,8 @@ def numbers(scene: Scene) -> list[Number]:
 
 def inlet_words(scene: Scene) -> list[str]:
     """Return the lines that say what flows in; none without a fluid."""
+    from scipy.integrate import trapezoid
+
     inflow = scene.inflow
     if inflow is None or not isinstance(scene.geometry, ChannelGeometry):
         return []

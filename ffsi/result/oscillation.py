@@ -12,12 +12,15 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from ffsi.files.arrays import Floats
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 BLOCK = 2
 """Periods of one of the two blocks that `periodic` compares."""

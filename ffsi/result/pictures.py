@@ -105,7 +105,8 @@ def _window(name: str, fields: Fields) -> tuple[Floats, Floats]:
 def to_png(figure: Figure, dpi: int = 150) -> bytes:
     """Return the figure as PNG."""
     buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=dpi)
+    # The last 5 % of the size would cost a third of the time.
+    figure.savefig(buffer, format="png", dpi=dpi, pil_kwargs={"compress_level": 4})
     return buffer.getvalue()
 
 

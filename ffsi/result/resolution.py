@@ -8,14 +8,17 @@ over the value, so the same estimate holds for any signal: its second difference
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 
 from ffsi.files.arrays import Floats
 from ffsi.result import oscillation
 from ffsi.scene import Scene
 from ffsi.scene.geometry import ChannelGeometry
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 ACCEPTED = 0.02
 """Largest error that is not said, relative: of a period, and what is left of the energy balance."""

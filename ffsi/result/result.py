@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any, Self
 
 import meshio
 import numpy as np
-import pandas as pd
 from numpy.typing import ArrayLike
 
 from ffsi.files import folder, seals
@@ -28,6 +27,9 @@ from ffsi.result.fields import FLUID, Fields
 from ffsi.result.quantities import flatten, unit
 from ffsi.result.study_definition import label
 from ffsi.scene import Scene, load_scene, with_values
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 if TYPE_CHECKING:
     from tempfile import TemporaryDirectory
@@ -317,6 +319,8 @@ class PlainResult:
             One row per point: `x`, `y` (m), `region`, `ux`, `uy` (m), `vx`, `vy` (m/s), `p` (Pa); NaN outside of the
             mesh, and `p` is NaN inside a solid.
         """
+        import pandas as pd
+
         values = self.fields.sample(points)
         return pd.DataFrame(np.asarray(points, dtype=float), columns=["x", "y"], dtype=float).assign(**values)
 

@@ -6,9 +6,7 @@ import math
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
-
-import pandas as pd
+from typing import TYPE_CHECKING, Any
 
 from ffsi.files import folder
 from ffsi.files.errors import InputError
@@ -18,6 +16,9 @@ from ffsi.result.quantities import check_maximum, flatten, unit
 from ffsi.result.result import PlainResult
 from ffsi.result.study_definition import Values, points_of
 from ffsi.scene.lookup import unit_of
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 TABLE, UNITS = "sweep.csv", "sweep.units.csv"
 
@@ -63,6 +64,8 @@ def extremes(data: Mapping[str, Any]) -> dict[str, float]:
 
 def units(table: pd.DataFrame, keys: Sequence[str]) -> dict[str, str]:
     """Return the SI unit of every column of numbers, `1` without dimension."""
+    import pandas as pd
+
     own = {"check_maximum": "1", "seconds": "s", **{key: unit_of(key) or "1" for key in keys}}
     names = [name for name in table.columns if pd.api.types.is_numeric_dtype(table[name]) and name != "point"]
     names = [name for name in names if table[name].dtype != bool]
@@ -76,6 +79,8 @@ def frame(
 
     Its `attrs["units"]` are the units of its columns.
     """
+    import pandas as pd
+
     rows = [row(known[at], each, directory) for each in order if (at := place(each, keys)) in known]
     first = [*keys, "status", "checked", "reason", "failure", "warnings"]
     last = ["check_maximum", "seconds", "folder", "point"]

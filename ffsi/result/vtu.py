@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import meshio
 import numpy as np
 
 from ffsi.files import folder
 from ffsi.files.arrays import Floats
 from ffsi.result.fields import Fields
+
+if TYPE_CHECKING:
+    import meshio
 
 
 def to_meshio(fields: Fields, more: Mapping[str, Floats] | None = None) -> meshio.Mesh:
@@ -20,6 +23,8 @@ def to_meshio(fields: Fields, more: Mapping[str, Floats] | None = None) -> meshi
     `more` by name, (n,) or (n, 2); cell data: `region`. Vectors have three components (the third is zero), so that
     ParaView can warp by `displacement`.
     """
+    import meshio
+
     names = ("displacement", "velocity", "pressure", *(["solid_pressure"] if fields.solid_pressure is not None else []))
     values = {name: getattr(fields, name) for name in names} | dict(more or {})
     return meshio.Mesh(

@@ -7,8 +7,7 @@ import logging
 import shutil
 import tempfile
 from pathlib import Path
-
-import pandas as pd
+from typing import TYPE_CHECKING
 
 from ffsi.files import folder, machine
 from ffsi.files.arguments import path_of
@@ -18,6 +17,9 @@ from ffsi.result.study_definition import Values
 from ffsi.run.point import finish_point
 from ffsi.scene import MeshGeometry, Scene, stored, with_values
 from ffsi.script.render import render
+
+if TYPE_CHECKING:
+    pass
 
 logger = logging.getLogger(__name__)
 
@@ -107,6 +109,8 @@ def _kept(path: Path, result: Result) -> str | None:
 
 def _renumber(directory: Path, point: int) -> None:
     """Make a point of a chain the first of its folder: in the script's file of it, and in Newton's history."""
+    import pandas as pd
+
     path = directory / folder.numbered(folder.POINT, 1)
     folder.write_json(path, folder.read_json(path) | {"point": 1})
     history = pd.read_csv(directory / folder.HISTORY, dtype=str)

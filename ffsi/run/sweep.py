@@ -276,8 +276,9 @@ class _Study:
                 first = begun.get(place(piece[0], self.table.keys))
                 new = [self.new_folder() if first is None else first]
                 run_piece(
-                    self.scene, piece, lambda: new.pop() if new else self.new_folder(), check=self.check, leads=leads,
-                    on_event=on_event, on_result=self.table.add, threads=threads, stop=self.stop,
+                    self.scene, piece, lambda: new.pop() if new else self.new_folder(), check=self.check,
+                    draw=self._drawn(piece), leads=leads, on_event=on_event, on_result=self.table.add, threads=threads,
+                    stop=self.stop,
                 )  # fmt: skip
                 self._keep()
                 self.table.count(-1)
@@ -288,7 +289,9 @@ class _Study:
         tasks: dict[Future[Any], Piece] = {}
         try:
             for piece in pieces:
-                tasks[self.pool.submit(remote.work, remote.task(self.scene, piece, self.check, leads))] = piece
+                tasks[
+                    self.pool.submit(remote.work, remote.task(self.scene, piece, self.check, self._drawn(piece), leads))
+                ] = piece
         except RuntimeError as error:  # it is broken already, or shut down
             logger.warning("%s", error)
         lost = [*self._wait(tasks, self.pool, self._fetch), *pieces[len(tasks) :]]
@@ -297,6 +300,10 @@ class _Study:
             self.pool = None
             find_freefem()
             self._run(lost, on_event, leads)
+
+    def _drawn(self, piece: Piece) -> bool:
+        """Return whether a piece draws: in time each, else the one with the last point, however the study is cut."""
+        return not self.scene.steady or self.table.order[-1] in piece
 
     def _wait(self, tasks: Mapping[Future[Any], Piece], pool: Executor, take: Callable[[Any], None]) -> list[Piece]:
         """Wait for pieces; return those whose workers died. Whatever else happens ends them all."""

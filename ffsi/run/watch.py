@@ -7,8 +7,7 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-
-import pandas as pd
+from typing import TYPE_CHECKING
 
 from ffsi.files import folder
 from ffsi.files.manifest import Recorder
@@ -17,6 +16,9 @@ from ffsi.result import oscillation
 from ffsi.result.in_time import settled
 from ffsi.result.quantities import unit
 from ffsi.scene import Scene
+
+if TYPE_CHECKING:
+    pass
 
 logger = logging.getLogger(__name__)
 
@@ -93,6 +95,8 @@ class _Tail:
         Raises:
             FreeFEMError: kind `disk-full`: a row is damaged.
         """
+        import pandas as pd
+
         if self.path.is_file():
             with self.path.open("rb") as file:
                 file.seek(self._offset)
