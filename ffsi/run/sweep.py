@@ -33,9 +33,7 @@ from ffsi.scene import Scene, scene_of
 logger = logging.getLogger(__name__)
 
 _SHARE = 0.05
-"""Largest part of the wall time that writing the table may cost while points are still running ..."""
-_QUICK = 0.2
-"""... if it takes longer than this, s."""
+"""Largest part of the wall time that writing the table may cost while points are still running."""
 
 
 def sweep(
@@ -177,7 +175,7 @@ class _Table:
         units = pd.DataFrame(table.attrs["units"].items(), columns=["column", "unit"])
         folder.write_text(self.directory / UNITS, units.to_csv(index=False))
         took = time.monotonic() - begin
-        self._next = time.monotonic() + (took / _SHARE if took > _QUICK else 0.0)
+        self._next = time.monotonic() + took / _SHARE
         return table
 
     def _tell(self, result: Result) -> None:
