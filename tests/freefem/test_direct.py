@@ -2,6 +2,7 @@
 
 import json
 import subprocess
+import sys
 from pathlib import Path
 
 import meshio
@@ -273,3 +274,14 @@ def test_a_description_never_runs(freefem, tmp_path, text):
     done = freefem(script, "-mesh_level", 0, cwd=tmp_path)
     assert (done.returncode, events(done.stdout, "end")) == (0, ["status=converged"])
     assert not (tmp_path / "pwned").exists()
+
+
+def test_a_run_loads_only_what_it_uses(tmp_path):
+    """Names, not seconds: these take two thirds of a second together."""
+    code = "import atexit, sys; from ffsi.cli.main import main; atexit.register(lambda: print(*sys.modules)); main()"
+    plain = ["--set", "output.pictures=false", "--set", "output.vtu=false", "--set", "mesh.level=0"]
+    command = [sys.executable, "-c", code, "run", "turek-cfd1", *plain, "--out", str(tmp_path / "run")]
+    found = subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()[-1].split()
+    heavy = {"scipy", "pandas", "matplotlib", "pint", "meshio", "distributed", "xarray"}
+    assert "ffsi.reference.check" in found
+    assert heavy & set(found) == set()
