@@ -9,7 +9,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
-import meshio
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -29,11 +28,10 @@ from ffsi.result.study_definition import label
 from ffsi.scene import Scene, load_scene, with_values
 
 if TYPE_CHECKING:
-    import pandas as pd
-
-if TYPE_CHECKING:
     from tempfile import TemporaryDirectory
 
+    import meshio
+    import pandas as pd
     from matplotlib.figure import Figure
 
 
