@@ -20,6 +20,7 @@ from ffsi.reference.ordinary import ALLOWED, LARGEST, Corrector
 from ffsi.reference.quantities import Quantity, at_outlet, compare, energies, recompute
 from ffsi.reference.relative import largest, relative
 from ffsi.reference.residual import compute_residual
+from ffsi.reference.slip import across
 from ffsi.reference.step import Step
 from ffsi.reference.system import Mask, System
 from ffsi.reference.wall import Passage, cycle_difference, wall_shear
@@ -266,7 +267,9 @@ def _dirichlet(system: System, state: RawState) -> float:
     """Largest deviation from the prescribed u, v, p, ps, each relative to its own scale."""
     rows, old = system.rows, system.increment.old if system.increment is not None else state
     fields = zip(state.fields, rows.prescribed.fields, rows.given, old.fields, strict=True)
-    return largest(_deviation(*each) for each in fields)
+    sliding = ((state.u, rows.u_normal), (state.v, rows.v_normal))
+    off = [relative(*(largest(np.abs(part).ravel()) for part in (across(*each), each[0]))) for each in sliding]
+    return largest([*(_deviation(*each) for each in fields), *off])
 
 
 def _deviation(values: Floats, prescribed: Floats, given: Mask, old: Floats) -> float:

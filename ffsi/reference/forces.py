@@ -64,7 +64,11 @@ def _force(system: System, fluid: FluidPart, state: RawState, residual: Residual
     touching = phi[sides.nodes].any(axis=1)
     rest = sides.select(touching & ~on_part)
     phi_rest = phi[rest.nodes] @ line_basis(gauss_rule()[0])[0].T
-    carried = np.einsum("nqi,nq->i", side_forces(rest, _balanced_stress(system, fluid, rest, state)), phi_rest)
+    forces = side_forces(rest, _balanced_stress(system, fluid, rest, state))
+    slides = np.isin(rest.label, system.problem.labels("slip"))
+    normal = rest.normal[slides] / np.hypot(*rest.normal[slides].T)[:, None]
+    forces[slides] = np.einsum("nqi,ni,nj->nqj", forces[slides], normal, normal)
+    carried = np.einsum("nqi,nq->i", forces, phi_rest)
     new = side_flow(fluid, part, state)
     stress = new.pressure_flux + new.viscous_flux(fluid.law.viscosity)
     return Force(

@@ -64,7 +64,9 @@ def problem_from_scene(scene: Scene) -> Problem:
     return Problem(
         name=scene.name,
         fluid=Fluid(scene.fluid.density, _viscosity(scene.fluid)) if scene.fluid else None,
-        boundaries=tuple(Boundary(b.name, b.label, b.role, b.part, b.circle) for b in boundaries(scene)),
+        boundaries=tuple(
+            Boundary(b.name, b.label, b.role, b.part, b.circle, _motion(scene, b.moving)) for b in boundaries(scene)
+        ),
         solids={
             region: Solid(
                 solid.density, material_of(solid, f"solid.{name}"), getattr(solid, "formulation", "displacement")
@@ -128,6 +130,29 @@ def _ramp(scene: Scene) -> Callable[[float], float]:
     return ramp
 
 
+def _motion(scene: Scene, name: str | None) -> Callable[[Floats, float], Floats] | None:
+    """Velocity of a moving wall: a translation and a rotation around a point, times a factor of time."""
+    if name is None:
+        return None
+    wall = scene.walls[name]
+    factor, centre = _wall_factor(scene, name), complex(wall.centre_x, wall.centre_y)
+
+    def motion(points: Floats, time: float) -> Floats:
+        velocity = complex(wall.velocity_x, wall.velocity_y) + 1j * wall.rotation * (points @ [1.0, 1j] - centre)
+        return factor(time) * np.column_stack([velocity.real, velocity.imag])
+
+    return motion
+
+
+def _wall_factor(scene: Scene, name: str) -> Callable[[float], float]:
+    """Factor of time on the velocity of a moving wall, its own or that of the inflow, with the inflow's ramp."""
+    if scene.time is None:
+        return lambda time: 1.0
+    ramp, own = _ramp(scene), scene.walls[name].expression
+    wave = _waveform(scene) if own is None else lambda time: float(own.evaluate(t=time))
+    return lambda time: ramp(time) * wave(time)
+
+
 def _outlet(scene: Scene) -> Outlet | None:
     if (outlet := scene.outlet) is None:
         return None
@@ -158,6 +183,7 @@ def theta_of(scene: Scene) -> Callable[[float, int], float]:
         raise ValueError(f"the reference checker does not know the time scheme {time.scheme!r}")
     weight = weights[time.scheme]
     jumps = scene.inflow is not None and abs(_ramp(scene)(0.0) * _waveform(scene)(0.0)) > _REST
+    jumps |= any(abs(_wall_factor(scene, name)(0.0)) > _REST for name in scene.walls)
     return lambda k, number: 1.0 if jumps and number <= _DAMPED_STEPS else weight(k)
 
 

@@ -11,7 +11,7 @@ from ffsi.reference.materials import Material, SplitMaterial
 from ffsi.reference.mesh_motion import MOTIONS
 from ffsi.reference.viscosity import Viscosity
 
-Role = Literal["inlet", "outlet", "no-slip", "interface", "clamped", "free", "loaded", "supported"]
+Role = Literal["inlet", "outlet", "no-slip", "interface", "clamped", "free", "loaded", "supported", "slip"]
 Formulation = Literal["displacement", "mixed", "incompressible"]
 Field = Callable[[Floats, float], Floats]
 FLUID_REGION = 1
@@ -73,13 +73,17 @@ class MeshMotion:
 
 @dataclass(frozen=True)
 class Boundary:
-    """Edges of one label: their role, the body part they belong to, and the circle (cx, cy, r) they approximate."""
+    """Edges of one label: their role, the body part they belong to, and the circle (cx, cy, r) they approximate.
+
+    ``motion`` maps points (n, 2) of a no-slip wall that moves and the time to its velocities (n, 2), metres per second.
+    """
 
     name: str
     label: int
     role: Role
     part: str | None = None
     circle: tuple[float, float, float] | None = None
+    motion: Callable[[Floats, float], Floats] | None = None
 
 
 @dataclass(frozen=True)

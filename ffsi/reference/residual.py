@@ -22,6 +22,7 @@ from ffsi.reference.sizes import (
     reference_pressure,
     spread,
 )
+from ffsi.reference.slip import along
 from ffsi.reference.system import FluidPart, Mask, System
 
 OUTLET = "outlet pressure"
@@ -130,6 +131,7 @@ def compute_residual(system: System, state: RawState) -> Residual:
         equations["incompressibility"] = _incompressibility(system, state)
     total |= _loads(system, state)
     scales = _without_level(system, state, total)
+    total, scales = ({k: along(term, system.rows.v_normal) for k, term in each.items()} for each in (total, scales))
     equations["momentum"] = Equation(total, system.rows.momentum, magnitude, _parts(system), scales)
     return Residual(equations, _kinematics(system, state), force, fluid_size, float(np.min(jacobians)))
 
@@ -214,6 +216,7 @@ def _mesh_motion(system: System, fluid: FluidPart, motion: MeshMotion, state: Ra
     local = terms.mesh_motion(motion, fluid.alpha, elements, state.u[elements.nodes])
     assembled = _scattered(local, elements.nodes, n2)
     magnitude = ROUNDING * spread(fluid.alpha * largest_on(state.u, elements), elements, n2)
+    assembled = {name: along(term, system.rows.u_normal) for name, term in assembled.items()}
     return Equation(assembled, system.rows.mesh_motion, magnitude)
 
 

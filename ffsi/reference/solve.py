@@ -19,6 +19,7 @@ from ffsi.reference.materials import Array
 from ffsi.reference.relative import largest, norm, relative
 from ffsi.reference.residual import Residual, compute_residual
 from ffsi.reference.sizes import unknown_sizes
+from ffsi.reference.slip import along
 from ffsi.reference.step import Step
 from ffsi.reference.system import FluidPart, Mask, SolidPart, System
 
@@ -114,7 +115,8 @@ def jacobian(system: System, state: RawState) -> csc_array:
     matrix = coo_array(entries, shape=(size + 2 * system.mesh.n_p2, size)).tocsr()
     identity = diags_array(given.astype(float))
     result: csc_array = (diags_array((~given).astype(float)) @ matrix[source] + identity).tocsc()
-    return result
+    sliding = _sliding(system)
+    return (result - sliding @ result + sliding).tocsc() if sliding.nnz else result
 
 
 def residual_vector(system: System, state: RawState, residual: Residual) -> Floats:
@@ -134,14 +136,27 @@ def residual_vector(system: System, state: RawState, residual: Residual) -> Floa
     equations.append(np.real(momentum.kinematics(system, nodes, state.u, state.v)).ravel())
     source, given = _row_sources(system)
     # The prescribed v is zero in steady solids: there the kinematics is a deviation like the boundary conditions.
-    return np.where(given, _flat(state) - _flat(system.rows.prescribed), np.concatenate(equations)[source])
+    vector = np.where(given, _flat(state) - _flat(system.rows.prescribed), np.concatenate(equations)[source])
+    sliding = _sliding(system)
+    return np.asarray(vector - sliding @ vector + sliding @ _flat(state))
+
+
+def _sliding(system: System) -> csc_array:
+    """N N^T at the nodes that slide, in the rows of u and v that have no value, zero elsewhere; (N, N)."""
+    given = _row_sources(system)[1]
+    normals = np.concatenate([system.rows.u_normal, system.rows.v_normal])
+    at = np.flatnonzero(normals.any(axis=1) & ~given[: 2 * len(normals) : 2])
+    numbers, blocks = 2 * at[:, None] + np.arange(2), normals[at, :, None] * normals[at, None, :]
+    rows, columns = (np.broadcast_to(each, blocks.shape).ravel() for each in (numbers[:, :, None], numbers[:, None, :]))
+    return coo_array((blocks.ravel(), (rows, columns)), shape=(len(given),) * 2).tocsc()
 
 
 def _impose(system: System, state: RawState) -> RawState:
     """Replace the values of ``state`` where others are prescribed."""
     given = np.split(_row_sources(system)[1], np.cumsum([values.size for values in state.fields])[:-1])
     fields = zip(given, system.rows.prescribed.fields, state.fields, strict=True)
-    return RawState(*(np.where(mask.reshape(own.shape), value, own) for mask, value, own in fields))
+    u, v, *pressures = (np.where(mask.reshape(own.shape), value, own) for mask, value, own in fields)
+    return RawState(along(u, system.rows.u_normal), along(v, system.rows.v_normal), *pressures)
 
 
 def _row_sources(system: System) -> tuple[Ints, Mask]:

@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 
 from ffsi.files.arrays import Floats, Ints, RawMesh, RawState
 from ffsi.reference.elements import Elements
-from ffsi.reference.problem import FLUID_REGION, Fluid, MeshMotion, Problem, Solid
+from ffsi.reference.problem import FLUID_REGION, Boundary, Fluid, MeshMotion, Problem, Solid
+from ffsi.reference.slip import node_normals
 from ffsi.reference.step import Increment, Step
 
 Mask = NDArray[np.bool_]
@@ -45,7 +46,8 @@ class Rows:
     ``momentum``, ``mesh_motion``, ``kinematics`` (n2,), ``continuity`` (nv,) and ``incompressibility`` (number of mixed
     solids, nv) are true where the equation has a row; ``u_given`` to ``ps_given``, (n2,) to (number of mixed solids,
     nv), where ``prescribed`` holds a value that the solution must have. Every node has either a value or a row for each
-    of u, v, p and each pressure of a mixed solid.
+    of u, v, p and each pressure of a mixed solid. Nodes slide along boundaries with the normals ``u_normal`` and
+    ``v_normal`` (n2, 2): there u . N = 0, v . N = 0 in the place of the part of the equations along N.
     """
 
     momentum: Mask
@@ -58,6 +60,8 @@ class Rows:
     p_given: Mask
     ps_given: Mask
     prescribed: RawState
+    u_normal: Floats
+    v_normal: Floats
 
     @property
     def given(self) -> tuple[Mask, Mask, Mask, Mask]:
@@ -202,7 +206,8 @@ def _rows(
     inside = mesh.region == FLUID_REGION
     in_fluid, in_solid = _mask(mesh.n_p2, mesh.p2[inside]), _mask(mesh.n_p2, mesh.p2[~inside])
     wet = _mask(len(mesh.vertices), mesh.triangles[inside])
-    held_u, held_v, prescribed = _conditions(problem, mesh, time)
+    normal, corner = node_normals(mesh, problem.labels("slip"))
+    held_u, held_v, prescribed = _conditions(problem, mesh, time, corner)
     if (wrong := in_solid & held_u & ~held_v).any():
         at = mesh.p2_coordinates[np.flatnonzero(wrong)[0]]
         raise ValueError(f"{problem.name}: the outlet fixes u but not v of the solid at {at.tolist()}")
@@ -211,29 +216,38 @@ def _rows(
     nv = len(mesh.vertices)
     pressed = [_mask(nv, mesh.triangles[mesh.region == region]) for region in problem.mixed_regions]
     incompressibility = np.array(pressed, dtype=np.bool_).reshape(-1, nv)
+    u_given = held_u if solids else np.ones_like(held_u)
+    v_given = held_v if moving else np.ones_like(held_v)
     return Rows(
         momentum=~held_v,
         continuity=wet,
         kinematics=in_solid & ~held_v if moving else none,
         mesh_motion=in_fluid & ~in_solid & ~held_u if solids else none,
         incompressibility=incompressibility,
-        u_given=held_u if solids else np.ones_like(held_u),
-        v_given=held_v if moving else np.ones_like(held_v),
+        u_given=u_given,
+        v_given=v_given,
         p_given=~wet,
         ps_given=~incompressibility,
         prescribed=prescribed,
+        u_normal=np.where(u_given[:, None], 0.0, normal),
+        v_normal=np.where(held_v[:, None], 0.0, normal),
     )
 
 
-def _conditions(problem: Problem, mesh: RawMesh, time: float | None) -> tuple[Mask, Mask, RawState]:
+def _conditions(problem: Problem, mesh: RawMesh, time: float | None, corner: Mask) -> tuple[Mask, Mask, RawState]:
     """Nodes whose u, and whose v, a boundary prescribes, and the values at a time (None: steady); zero elsewhere.
 
-    A no-slip or clamped boundary wins over an inlet at a common node.
+    Corners (n2,) of slip boundaries rest.
+    At a common node walls win over an inlet, those at rest over those that move, and of these the last one.
     """
     n2, nv = mesh.n_p2, len(mesh.vertices)
-    held_u, held_v = np.zeros((2, n2), dtype=np.bool_)
+    held_u, held_v = corner.copy(), corner.copy()
     u, v = np.zeros((2, n2, 2))
-    for boundary in sorted(problem.boundaries, key=lambda item: item.role != "inlet"):
+
+    def weight(boundary: Boundary) -> tuple[bool, bool, int]:
+        return boundary.role != "inlet", boundary.motion is None, boundary.label
+
+    for boundary in sorted(problem.boundaries, key=weight):
         nodes = mesh.edge_nodes[mesh.label == boundary.label]
         if boundary.role in ("inlet", "outlet", "no-slip", "clamped"):
             held_u[nodes] = True
@@ -244,6 +258,8 @@ def _conditions(problem: Problem, mesh: RawMesh, time: float | None) -> tuple[Ma
             v[nodes.ravel()] = problem.inflow.at(mesh.p2_coordinates[nodes.ravel()], time or 0.0)
         if boundary.role == "no-slip" and boundary.circle is not None:
             u[nodes[:, 2]] = _onto_circle(boundary.name, boundary.circle, mesh.p2_coordinates[nodes])
+        if boundary.motion is not None:
+            v[nodes.ravel()] = boundary.motion((mesh.p2_coordinates + u)[nodes.ravel()], time or 0.0)
     if (exact := problem.manufactured) is not None:
         # A fluid alone has no equation for u: it has the value everywhere.
         where = held_u if problem.solids else np.ones_like(held_u)

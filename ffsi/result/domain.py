@@ -21,6 +21,7 @@ CONDITIONS: dict[Role, str] = {
     "free": "nothing acts on the solid",
     "loaded": "the traction acts on the solid",
     "supported": "the elastic support acts on the solid",
+    "slip": "no motion across, no friction along",
 }
 """What each role of a boundary means."""
 

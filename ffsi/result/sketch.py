@@ -28,6 +28,7 @@ ROLES = {
     "free": "#3b8f3e",
     "loaded": "#c2187a",
     "supported": "#9a7b00",
+    "slip": "#7f7f7f",
 }
 _PLACES = (0.5, 0.35, 0.65, 0.2, 0.8, 0.08, 0.92)  # of a name along its boundary, the first without another name wins
 _SLENDER = 12.0  # ratio of the sides from which on the shorter one is stretched

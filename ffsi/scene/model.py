@@ -27,6 +27,7 @@ from ffsi.scene.time import Time
 from ffsi.scene.toml import parse_toml
 from ffsi.scene.units import Acceleration, FoundationDamping, FoundationStiffness, Stress
 from ffsi.scene.validation import unit
+from ffsi.scene.walls import Wall, named, wall_problems
 
 MAX_DESCRIPTION = 200
 STEP_DEFAULTS: dict[str, str | float] = {"step": "condensed", "step_tolerance": 1e-6}
@@ -92,12 +93,20 @@ class Scene(Table):
     )
     inflow: Inflow | None = Field(None, description="velocity at the inlet in m/s, needed with a fluid")
     outlet: Outlet | None = Field(None, description="condition at the outlet, needed with a fluid")
+    walls: dict[str, Wall] = Field(
+        default_factory=dict, description="walls of the fluid that move along themselves, by name; the others rest"
+    )
     forces: Forces | None = Field(None, description="scale of the force coefficients, reference length in m")
     time: Time | None = Field(None, description="steps in time, in s; a scene without it is steady")
     solver: Solver = Field(default_factory=Solver, description="Newton's method and the linear solver")
     output: Output = Field(default_factory=Output, description="what is written beside the results")
 
     # Validation ---------------------------------------------------------------------------------------------------
+
+    @model_validator(mode="before")
+    @classmethod
+    def _name_walls(cls, table: Any) -> Any:
+        return named(table) if isinstance(table, Mapping) else table
 
     @field_validator("name")
     @classmethod
@@ -141,6 +150,7 @@ class Scene(Table):
             self._inflow_problems(),
             self._time_problems(),
             self._wall_problems(),
+            wall_problems(self.walls, self.geometry, self.geometry.outline(self.physics), self.steady),
         ]
         refuse([problem for group in problems for problem in group])
         if self.inflow and isinstance(self.geometry, ChannelGeometry) and self.inflow.mean_velocity is None:
@@ -426,4 +436,6 @@ def boundaries(scene: Scene) -> list[Boundary]:
     found = scene.geometry.outline(scene.physics)
     if scene.support is not None:
         found = [replace(boundary, role="supported") if boundary.outer else boundary for boundary in found]
+    if scene.geometry.kind != "mesh":  # a mesh knows its own
+        found = [replace(side, moving=side.name) if side.name in scene.walls else side for side in found]
     return sorted(found, key=lambda boundary: boundary.label)

@@ -34,6 +34,7 @@ def rules() -> Rule:
             *(when(given(table), given("fluid")) for table in OF_FLUID),
             when(given("mesh_motion"), SOLIDS),
             when(equals("outlet.hydrostatic", True), given("gravity")),
+            when(at("walls", {"minProperties": 1}), given("fluid")),
             when(given("mesh.root_size"), equals("geometry.kind", "flap-channel")),
             when(given("time"), {"not": equals("mesh_motion.kind", *no_linear)}, steady),
             when(given("output.wall"), periodic),
@@ -79,7 +80,7 @@ def _of_geometry(geometry: type[GeometryBase]) -> Iterator[Rule]:
 def _of_mesh() -> Rule:
     """Return the rules of a mesh from a file: it has the sizes, and a fluid where a region is one."""
     bare = absent(*(f"mesh.{key}" for key in SIZES))
-    of_fluid = [f"geometry.boundaries.{key}" for key in ("inlet", "outlet", "walls")]
+    of_fluid = [f"geometry.boundaries.{key}" for key in ("inlet", "outlet", "walls", "slip")]
     pairs = (("support", "supported"), ("traction", "loaded"))
     return every(
         [

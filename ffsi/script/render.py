@@ -15,7 +15,7 @@ from typing import Any
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from ffsi.scene import CASES, Boundary, Scene, boundaries
-from ffsi.scene.boundaries import STRUTS
+from ffsi.scene.boundaries import SLIP_X, SLIP_Y, STRUTS
 from ffsi.scene.flow import WOMERSLEY
 from ffsi.scene.geometry import Aneurysm, ChannelGeometry
 from ffsi.scene.geometry.mesh import STORED
@@ -26,6 +26,7 @@ from ffsi.script import flux_tables
 from ffsi.script.formula import with_formulas
 from ffsi.script.parameters import OF_CONSISTENCY, Parameter, units_of
 from ffsi.script.quantities import reported
+from ffsi.script.walls import moving_walls
 
 _MESH_ALONE = """BuildMesh(meshLevel);
 CheckMesh();
@@ -155,7 +156,7 @@ def _context(scene: Scene, mumps: bool) -> dict[str, Any]:
     components = flux_tables.components(scene)
     outline = boundaries(scene)
     curved = [b for b in outline if b.circle or b.curved]
-    wet = [b for b in outline if b.role in ("inlet", "outlet", "no-slip", "interface")]
+    wet = [b for b in outline if b.role in ("inlet", "outlet", "no-slip", "interface", "slip")]
     parts = [b for b in outline if b.part and b in wet]
     solids = [_solid(name, law, number) for number, (name, law) in enumerate(scene.solid.items(), start=2)]
     regions = [*([(1, "fluid")] if fluid else []), *enumerate(scene.solid, start=2)]
@@ -166,7 +167,10 @@ def _context(scene: Scene, mumps: bool) -> dict[str, Any]:
     labels = {
         "fixedDisplacement": _labels(outline, "inlet", "outlet", "no-slip", "clamped") if scene.solid else [],
         "fixedVelocity": _labels(outline, "inlet", "no-slip", "clamped"),
-        "restingLabels": _labels(outline, "no-slip", "clamped"),
+        "restingLabels": [b.label for b in outline if b.role in ("no-slip", "clamped") and not b.moving],
+        "movingLabels": [b.label for b in outline if b.moving],
+        "slipAcrossX": [b.label for b in outline if b.label == SLIP_X],
+        "slipAcrossY": [b.label for b in outline if b.label == SLIP_Y],
         "bentLabels": [b.label for b in outline if b.circle and b.role == "no-slip"],
         "inletLabels": _labels(outline, "inlet"),
         "outletLabels": _labels(outline, "outlet"),
@@ -179,6 +183,8 @@ def _context(scene: Scene, mumps: bool) -> dict[str, Any]:
         "supportedLabels": _labels(outline, "supported"),
     }
     needed = {"fixedDisplacement", "fixedVelocity"}  # even where they are empty
+    if _labels(outline, "slip"):
+        needed |= {"slipAcrossX", "slipAcrossY"}
     if fluid:
         needed |= {"restingLabels", "interfaceLabels", "wallLabels"}
     return {
@@ -207,6 +213,7 @@ def _context(scene: Scene, mumps: bool) -> dict[str, Any]:
         "boundary_of_body": [not own and (bool(b.part) or b.role == "interface") for b in outline],
         "labels": [(name, here) for name, here in labels.items() if here or name in needed],
         "parts": parts,
+        **moving_walls(scene, outline),
         "strut_label": STRUTS,
         "inlet": scene.geometry.inlet if fluid and isinstance(scene.geometry, ChannelGeometry) else None,
         "fourier": scene.inflow and scene.inflow.fourier,
@@ -261,6 +268,8 @@ def _structure(scene: Scene, *, parts: bool, varying: bool) -> list[str]:
         "hasTraction": scene.traction,
         "hasSupport": any(b.role == "supported" for b in boundaries(scene)),
         "hasBends": bends,
+        "hasSlip": any(b.role == "slip" for b in boundaries(scene)),
+        "hasMovingWalls": scene.walls,
         "hasGivenBends": bends and not coupled,
         "hasParts": parts,
         "hasDoNothing": outlet and outlet.kind != "zero-traction",

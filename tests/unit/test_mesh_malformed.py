@@ -204,7 +204,7 @@ BROKEN: list[tuple[Callable[[Drawing], None] | None, dict[str, Any], str]] = [
     (bend_the_inlet, {}, r"geometry.boundaries.inlet: must be straight; at \(.*\) mm it is .* mm away from the line"),
     (call_it("inner", "outside"), {"boundaries": {"inlet": "in", "outlet": "out", "clamped": "ends"}},
      r'geometry.boundaries: 6 boundary edges of the fluid without a role, the first at \(.*\) mm \(in the mesh: '
-     r'"outside"\); accepted: each of them in inlet, outlet or walls'),
+     r'"outside"\); accepted: each of them in inlet, outlet, walls, slip or symmetry'),
     (line_elsewhere, boundaries(walls=None), 'geometry.boundaries: 6 boundary edges .*"outside"'),
     (None, boundaries(walls=None), r'6 boundary edges of the fluid without a role, .*\(in the mesh: "inner"\)'),
     (None, boundaries(inlet=["in", "out"], outlet="inner", walls=None), "inlet: must be one connected .* 2 pieces"),

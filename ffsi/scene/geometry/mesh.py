@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 import numpy as np
 from pydantic import Field, PlainSerializer, PrivateAttr, ValidationInfo, field_validator, model_validator
 
+from ffsi.files.arrays import Floats
 from ffsi.scene.base import Table, refuse
-from ffsi.scene.boundaries import OUTLET, Boundary, Inlet
+from ffsi.scene.boundaries import MOVING, OUTLET, PARTS, Boundary, Inlet
 from ffsi.scene.errors import Problem, SceneError, join, names, number_text, short
 from ffsi.scene.geometry.base import ChannelGeometry, Physics
 from ffsi.scene.units import Checked, Coordinate, to_si
@@ -65,6 +66,12 @@ class MeshBoundaries(Table):
     free: GroupNames | None = Field(None, description="free boundaries of the solids; those without a name are free")
     supported: GroupNames | None = Field(None, description="outer sides of walls with the table support")
     loaded: GroupNames | None = Field(None, description="boundaries of the solids with the table traction")
+    slip: GroupNames | None = Field(
+        None, description="walls of the fluid without friction, straight pieces along x or y: v.n = 0, the mesh slides"
+    )
+    symmetry: GroupNames | None = Field(
+        None, description="lines of symmetry of fluid and solids along x or y: v.n = 0, u.n = 0, no tangential traction"
+    )
 
 
 class Point(Table):
@@ -97,6 +104,11 @@ class MeshGeometry(ChannelGeometry):
         description="bodies on which the force is reported, by name: walls or interfaces; without any the wet side of "
         "each solid, or else the walls",
     )
+    moving: dict[str, GroupNames] = Field(
+        default_factory=dict,
+        description="walls that move along themselves, by name: the scene's table `walls` says how; a name in "
+        "`boundaries.walls` that has a table there is moved here",
+    )
     tip: Point | None = Field(
         None,
         description="point of tip_ux and tip_uy, m; without it the vertex of the solids farthest from what is held",
@@ -120,7 +132,7 @@ class MeshGeometry(ChannelGeometry):
             refuse([Problem("", f'{error}; accepted: a unit of length such as "mm"', short(unit))])
         return unit
 
-    @field_validator("regions", "parts", "probes")
+    @field_validator("regions", "parts", "probes", "moving")
     @classmethod
     def _plain_names(cls, table: dict[str, Any], info: ValidationInfo) -> dict[str, Any]:
         accepted = "a small letter, then small letters and digits, at most 30 in all"
@@ -154,7 +166,9 @@ class MeshGeometry(ChannelGeometry):
             given = getattr(self.boundaries, key) is not None
             if "fluid" in self.regions and not given:
                 yield Problem(f"boundaries.{key}", f"missing; {MeshBoundaries.model_fields[key].description}")
-        for key in ("inlet", "outlet", "walls"):
+        if len(self.moving) > PARTS - MOVING:
+            yield Problem("moving", f"accepted: at most {PARTS - MOVING}", str(len(self.moving)))
+        for key in ("inlet", "outlet", "walls", "slip"):
             if "fluid" not in self.regions and getattr(self.boundaries, key) is not None:
                 yield Problem(f"boundaries.{key}", 'only accepted where geometry.regions has a "fluid"')
         if not self.solid_names:
@@ -178,6 +192,7 @@ class MeshGeometry(ChannelGeometry):
             tuple(self.regions.items()),
             tuple((key, wanted) for key, wanted in boundaries.items() if wanted is not None),
             tuple(self.parts.items()),
+            tuple(self.moving.items()),
         )
 
     def __eq__(self, other: object) -> bool:
@@ -209,6 +224,7 @@ class MeshGeometry(ChannelGeometry):
         naming = _meshes().stored_naming(self._mesh, self._naming)
         boundaries = MeshBoundaries(**dict(naming.boundaries))
         changes = {"regions": dict(naming.regions), "boundaries": boundaries, "parts": dict(naming.parts)}
+        changes["moving"] = dict(naming.moving)
         return self.model_copy(update={"file": STORED, "unit": "m", **changes})
 
     @property
@@ -274,6 +290,10 @@ class MeshGeometry(ChannelGeometry):
     def outline(self, physics: Physics) -> list[Boundary]:
         """Return the boundaries of the mesh."""
         return list(self._mesh.boundaries)
+
+    def ends_of(self, label: int) -> Floats:
+        """Return both ends (n, 2, 2), m, of the edges with a label."""
+        return np.asarray(self._mesh.vertices[self._mesh.edges[self._mesh.label == label]])
 
 
 def _meshes() -> ModuleType:

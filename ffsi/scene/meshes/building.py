@@ -12,15 +12,17 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from ffsi.files.arrays import Floats, Ints
-from ffsi.scene.boundaries import CLAMPED, INLET, SUPPORTED, SURFACE, Boundary, Inlet, Role
+from ffsi.scene.boundaries import CLAMPED, INLET, MOVING, SLIP_X, SLIP_Y, SUPPORTED, SURFACE, Boundary, Inlet
 from ffsi.scene.errors import Problem, SceneError, count, fault, names, place, short
 from ffsi.scene.meshes import topology as checks
-from ffsi.scene.meshes.curves import FLUID, ROLES, Curves, Naming, chosen_groups
+from ffsi.scene.meshes.curves import FLUID, ROLES, Curves, Naming, Part, chosen_groups
 from ffsi.scene.meshes.reading import MeshFile, read_mesh_file
 from ffsi.scene.meshes.topology import Flags, Topology, cross
 
 HELD = (CLAMPED, SUPPORTED)
 """Labels of boundaries that hold a solid."""
+SLIP = {SLIP_X: "slip_x", SLIP_Y: "slip_y"}
+"""Names of slip boundaries by the axis of their normal; together they hold a solid."""
 STRAIGHT = 1e-6
 """How far the nodes of an inlet may be from a straight line, in lengths of the inlet."""
 DIGITS = 13
@@ -125,7 +127,13 @@ def _domain_mesh(path: Path, unit: str, metres: float, naming: Naming, _: tuple[
     lengths = np.linalg.norm(vertices[edges[:, 1]] - vertices[edges[:, 0]], axis=1)
     areas = checks.areas(vertices, topology.triangles)
     by_number = sorted(naming.numbers.items(), key=lambda item: item[1])
-    held = np.asarray(np.isin(topology.triangles, edges[np.isin(label[chosen], HELD)]).any(axis=1))
+    held, *sliding = (
+        np.asarray(np.isin(topology.triangles, edges[np.isin(label[chosen], labels)]).any(axis=1))
+        for labels in (HELD, *([label] for label in SLIP))
+    )
+    solid = region != FLUID
+    if (piece := topology.components(solid)).size:
+        held[solid] |= np.logical_and(*(np.isin(piece, piece[marked[solid]]) for marked in sliding))
     return DomainMesh(
         vertices=vertices,
         triangles=topology.triangles,
@@ -134,7 +142,7 @@ def _domain_mesh(path: Path, unit: str, metres: float, naming: Naming, _: tuple[
         label=label[chosen],
         areas={name: float(areas[region == number].sum()) for name, number in by_number},
         boundaries=tuple(
-            _boundary(value, parts, float(lengths[label[chosen] == value].sum()))
+            _boundary(value, parts, naming, float(lengths[label[chosen] == value].sum()))
             for value in np.unique(label[chosen]).tolist()
         ),
         inlet=_inlet(vertices, edges[label[chosen] == INLET], unit, metres) if "fluid" in naming.numbers else None,
@@ -142,11 +150,16 @@ def _domain_mesh(path: Path, unit: str, metres: float, naming: Naming, _: tuple[
     )
 
 
-def _boundary(label: int, parts: dict[int, tuple[str, Role]], length: float) -> Boundary:
+def _boundary(label: int, parts: dict[int, Part], naming: Naming, length: float) -> Boundary:
     """Return what a label means."""
     if label in parts:
-        name, role = parts[label]
-        return Boundary(name, label, role, length, name)
+        part = parts[label]
+        return Boundary(part.name, label, part.role, length, part.name, moving=part.moving)
+    if MOVING <= label < MOVING + len(naming.moving):
+        name = naming.moving[label - MOVING][0]
+        return Boundary(name, label, "no-slip", length, moving=name)
+    if label in SLIP:
+        return Boundary(SLIP[label], label, "slip", length)
     if label == SURFACE:
         return Boundary("interface", label, "interface", length)
     name = next(key for key, meant in ROLES.items() if meant.label == label)
@@ -280,11 +293,17 @@ def write_medit(mesh: DomainMesh, path: Path) -> None:
 def stored_naming(mesh: DomainMesh, naming: Naming) -> Naming:
     """Return the names of a mesh that `write_medit` has written: its numbers."""
     labels = {
-        key: tuple(str(e.label) for e in mesh.boundaries if e.label == meant.label or (e.part and e.role == meant.role))
+        key: tuple(
+            str(e.label)
+            for e in mesh.boundaries
+            if not e.moving and (e.label == meant.label or ((e.part or e.role == "slip") and e.role == meant.role))
+        )
         for key, meant in ROLES.items()
+        if key != "slip"  # which is a symmetry
     }
     return Naming(
         tuple((name, (str(number),)) for name, number in naming.numbers.items()),
         tuple((key, found) for key, found in labels.items() if found),
         tuple((edges.part, (str(edges.label),)) for edges in mesh.boundaries if edges.part),
+        tuple((name, tuple(str(e.label) for e in mesh.boundaries if e.moving == name)) for name, _ in naming.moving),
     )

@@ -7,23 +7,39 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ffsi.files.arrays import Ints
-from ffsi.scene.boundaries import CLAMPED, INLET, LOADED, OUTER, OUTLET, PARTS, SUPPORTED, SURFACE, WALLS, Role
+from ffsi.files.arrays import Floats, Ints
+from ffsi.scene.boundaries import (
+    CLAMPED,
+    INLET,
+    LOADED,
+    MOVING,
+    OUTER,
+    OUTLET,
+    PARTS,
+    SLIP_X,
+    SLIP_Y,
+    SUPPORTED,
+    SURFACE,
+    WALLS,
+    Role,
+)
 from ffsi.scene.errors import Problem, SceneError, count, fault, names, nearest, place, short
 from ffsi.scene.meshes.reading import Group
-from ffsi.scene.meshes.topology import Topology
+from ffsi.scene.meshes.topology import Flags, Topology
 
 Names = tuple[str, ...]
 
 FLUID = 1
+PARALLEL = 1e-9
+"""Largest sine of the angle between an axis and an edge that is parallel to it."""
 
 
 class RoleOf(NamedTuple):
-    """What a key of the scene's table of boundaries means: condition, label, whether it bounds fluid (or a solid)."""
+    """What a key of the table of boundaries means: condition, label, whether it bounds fluid (None: or a solid)."""
 
     role: Role
     label: int
-    fluid: bool
+    fluid: bool | None
 
 
 ROLES: dict[str, RoleOf] = {
@@ -34,15 +50,26 @@ ROLES: dict[str, RoleOf] = {
     "free": RoleOf("free", OUTER, False),
     "loaded": RoleOf("loaded", LOADED, False),
     "supported": RoleOf("free", SUPPORTED, False),
+    "slip": RoleOf("slip", SLIP_X, True),
+    "symmetry": RoleOf("slip", SLIP_X, None),
 }
 
 
+class Part(NamedTuple):
+    """A body part: its name, the role of its edges, and the moving wall that they are, if any."""
+
+    name: str
+    role: Role
+    moving: str | None
+
+
 class Naming(NamedTuple):
-    """What "fluid" and each solid, each key of `ROLES` and each part have in the file, in the scene's order."""
+    """What "fluid" and each solid, key of `ROLES`, part and moving wall have in the file, in the scene's order."""
 
     regions: tuple[tuple[str, Names], ...]
     boundaries: tuple[tuple[str, Names], ...]
     parts: tuple[tuple[str, Names], ...]
+    moving: tuple[tuple[str, Names], ...] = ()
 
     @property
     def numbers(self) -> dict[str, int]:
@@ -96,27 +123,31 @@ class Curves:
         swap = self.interface & (regions[:, 0] > FLUID)
         self.directed = np.where(swap[:, None], edges[:, ::-1], edges)
 
-    def labels(self, naming: Naming) -> tuple[Ints, dict[int, tuple[str, Role]]]:
-        """Return the label of each edge, 0 inside the regions; and name and role of the body parts by label."""
+    def labels(self, naming: Naming) -> tuple[Ints, dict[int, Part]]:
+        """Return the label of each edge, 0 inside the regions; and the body parts by label."""
         label = np.zeros(len(self.outer), dtype=np.int64)
         label[self.interface] = SURFACE
         label[self.dry] = OUTER
         problems: list[Problem] = []
         given = np.full(len(label), -1, dtype=np.int64)
         chosen: list[tuple[str, str]] = []  # key and name
-        for key, wanted in naming.boundaries:
-            for name, group in chosen_groups(wanted, self.groups, f"boundaries.{key}", "boundary", problems):
-                edges = self._edges(group, f"boundaries.{key}")
-                if misplaced := self._misplaced(key, name, edges):
+        roles = [(f"boundaries.{key}", ROLES[key], wanted) for key, wanted in naming.boundaries]
+        for number, (name, wanted) in enumerate(naming.moving, start=MOVING):
+            roles.append((f"moving.{name}", ROLES["walls"]._replace(label=number), wanted))
+        for key, role, wanted in roles:
+            for name, group in chosen_groups(wanted, self.groups, key, "boundary", problems):
+                edges = self._edges(group, key)
+                if misplaced := self._misplaced(key, role, name, edges):
                     problems += misplaced
                     continue
-                label[edges] = np.where(given[edges] < 0, ROLES[key].label, label[edges])
-                twice = edges[label[edges] != ROLES[key].label]
+                meant = np.where(self._upright(edges), SLIP_X, SLIP_Y) if role.role == "slip" else role.label
+                label[edges] = np.where(given[edges] < 0, meant, label[edges])
+                twice = edges[label[edges] != meant]
                 if twice.size:
                     other, title = chosen[given[twice[0]]]
-                    text = f"shares edges with boundaries.{other} = {short(title)}, the first at {self._at(twice[0])}"
+                    text = f"shares edges with {other} = {short(title)}, the first at {self._at(twice[0])}"
                     accepted = "accepted: one role for each edge"
-                    problems.append(Problem(f"boundaries.{key}", f"{text}; {accepted}", short(name)))
+                    problems.append(Problem(key, f"{text}; {accepted}", short(name)))
                 given[edges] = len(chosen)
                 chosen.append((key, name))
         if problems:
@@ -137,13 +168,25 @@ class Curves:
             raise fault(f"of {short(group.title)}, {bad} of {len(edges)} are no sides of triangles", key)
         return edges
 
-    def _misplaced(self, key: str, name: str, edges: Ints) -> list[Problem]:
-        """Return the problem of edges that cannot have the role of a key."""
-        role = ROLES[key]
-        bad = edges[~(self.wet if role.fluid else self.dry)[edges]]
+    def _slopes(self, edges: Ints) -> Floats:
+        """Return the size of the two components of unit vectors along edges, (n, 2)."""
+        start, end = self.topology.points[self.directed[edges]].transpose(1, 0, 2)
+        return np.asarray(np.abs(end - start) / np.hypot(*(end - start).T)[:, None])
+
+    def _upright(self, edges: Ints) -> Flags:
+        """Tell which edges run along y rather than along x."""
+        return np.asarray(self._slopes(edges)[:, 1] > 0.5)
+
+    def _misplaced(self, key: str, role: RoleOf, name: str, edges: Ints) -> list[Problem]:
+        """Return the problem of edges that cannot have a role."""
+        if role.role == "slip" and (oblique := edges[self._slopes(edges).min(axis=1) > PARALLEL]).size:
+            text = f"at {self._at(oblique[0])} it is parallel to no axis; accepted: straight pieces along x or y"
+            return [Problem(key, text, short(name))]
+        able = {True: self.wet, False: self.dry, None: self.outer}[role.fluid]
+        bad = edges[~able[edges]]
         if not bad.size:
             return []
-        owner = "the fluid" if role.fluid else "a solid"
+        owner = {True: "the fluid", False: "a solid", None: "the fluid or a solid"}[role.fluid]
         accepted = f"accepted: outer boundaries of {owner}"
         if self.interface[bad[0]]:
             what = "lies between fluid and solid; such an interface is found without being named"
@@ -151,7 +194,7 @@ class Curves:
             what = f"is a boundary of {'a solid' if role.fluid else 'the fluid'}"
         else:
             what = "lies inside of the domain"
-        return [Problem(f"boundaries.{key}", f"at {self._at(bad[0])} it {what}; {accepted}", short(name))]
+        return [Problem(key, f"at {self._at(bad[0])} it {what}; {accepted}", short(name))]
 
     def _refuse_without_role(self, label: Ints) -> None:
         bare = np.flatnonzero(self.wet & (label == 0))
@@ -160,10 +203,10 @@ class Curves:
         touched = [group.title for group in self.groups if np.isin(self._find(group), bare).any()]
         named = f" (in the mesh: {names(touched)})" if touched else ""
         text = f"{count(bare.size, 'boundary edge')} of the fluid without a role, the first at {self._at(bare[0])}"
-        accepted = "accepted: each of them in inlet, outlet or walls"
+        accepted = "accepted: each of them in inlet, outlet, walls, slip or symmetry"
         raise fault(f"{text}{named}; {accepted}", "boundaries")
 
-    def _parts(self, naming: Naming, label: Ints) -> dict[int, tuple[str, Role]]:
+    def _parts(self, naming: Naming, label: Ints) -> dict[int, Part]:
         """Give the body parts labels of their own; without any, the wet side of each solid, or else the walls."""
         chosen: list[tuple[str, Ints]] = []
         problems: list[Problem] = []
@@ -178,8 +221,9 @@ class Curves:
             wet = np.unique(self.solid[self.interface]).tolist()
             chosen = [(solids[number], np.flatnonzero(self.interface & (self.solid == number))) for number in wet]
             chosen = chosen or [("walls", walls) for walls in [np.flatnonzero(label == WALLS)] if walls.size]
-        roles: dict[int, Role] = {SURFACE: "interface", WALLS: "no-slip"}
-        found: dict[int, tuple[str, Role]] = {}
+        roles: dict[int, tuple[Role, str | None]] = {SURFACE: ("interface", None), WALLS: ("no-slip", None)}
+        roles |= {number: ("no-slip", name) for number, (name, _) in enumerate(naming.moving, start=MOVING)}
+        found: dict[int, Part] = {}
         for number, (part, own) in enumerate(chosen, start=PARTS):
             kinds = np.unique(label[own]).tolist()
             if len(kinds) != 1 or kinds[0] not in roles:
@@ -187,7 +231,7 @@ class Curves:
                 bad = next((edge for edge in own.tolist() if label[edge] not in roles), None)
                 where = "" if bad is None else f"; not so at {self._at(bad)}"
                 raise fault(f"{text}, and in no other part{where}", f"parts.{part}")
-            found[number] = (part, roles[kinds[0]])
+            found[number] = Part(part, *roles[kinds[0]])
             label[own] = number
         return found
 

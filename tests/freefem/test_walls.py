@@ -1,0 +1,196 @@
+"""Walls without friction, lines of symmetry, walls that move: exact flows, halves of whole domains, wrong scripts."""
+
+import numpy as np
+import pytest
+from own_mesh import scene_on, write_mesh
+from recipes import copy_program, refused
+from structured import structured_mesh
+
+from ffsi.files.arrays import read_mesh, read_state
+from ffsi.run.one_scene import solve
+from ffsi.scene import Scene, SceneError, load_scene
+
+WATER = {"density": 2.0, "viscosity": 0.1}
+NAMES = {"in": 1, "out": 2, "low": 3, "high": 4, "ends": 6, "outside": 7}
+RUBBER = {"material": "neo-hookean", "density": 3.0, "young_modulus": 40.0, "poisson_ratio": 0.3}
+
+
+def channel(folder, boundaries, **tables) -> Scene:
+    """A channel [0, 2] x [0, 1], its low side and its high one by name."""
+    x, y = np.linspace(0, 2, 9), np.linspace(0, 1, 5)
+
+    def label(x, y):
+        return {0.0: 3, 1.0: 4}.get(y) or (1 if x == 0 else 2)
+
+    path = write_mesh(folder / "channel.msh", structured_mesh(x, y, lambda x, y: 1, label), {"fluid": 1}, NAMES)
+    precise = {"step_tolerance": 1e-12} if "time" in tables else {}
+    flow = {
+        "solver": precise,
+        "fluid": WATER,
+        "outlet": {"kind": "do-nothing"},
+        "inflow": {"mean_velocity": 1.5, "profile": "uniform"},
+    }
+    return scene_on(path, {"inlet": "in", "outlet": "out", **boundaries}, {"fluid": "fluid"}, **{**flow, **tables})
+
+
+def state_of(result):
+    mesh = read_mesh(result.directory / "mesh.bin")
+    return mesh, read_state(result.directory / "point-0001.bin", mesh)
+
+
+@pytest.mark.parametrize("time", [None, {"step": 0.1, "end": 0.3}], ids=["steady", "in time"])
+def test_a_uniform_flow_slips_through(time, tmp_path):
+    inflow = {"mean_velocity": 1.5, "profile": "uniform"} | ({"ramp": 0.2} if time else {})
+    scene = channel(tmp_path, {"slip": ["low", "high"]}, inflow=inflow, **({"time": time} if time else {}))
+    result = solve(scene, tmp_path / "run")
+    assert result.checked
+    _, state = state_of(result)
+    np.testing.assert_allclose(state.v, np.broadcast_to([1.5, 0.0], state.v.shape), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(state.p, 0.0, atol=1e-8)
+    again = load_scene(tmp_path / "run/scene.toml")
+    assert again == scene
+
+
+def test_half_a_channel_is_half_of_its_flow(tmp_path):
+    half = channel(tmp_path, {"walls": "low", "symmetry": "high"}, inflow={"mean_velocity": 1, "profile": "y*(2*H-y)"})
+    _, state = state_of(solve(half, tmp_path / "run"))
+    mesh = read_mesh(tmp_path / "run/mesh.bin")
+    y = mesh.p2_coordinates[:, 1]
+    np.testing.assert_allclose(state.v[:, 0], y * (2 - y), rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("waveform", [None, "1", "cos(t)"])
+def test_walls_carry_the_fluid_along(waveform, tmp_path):
+    """Plane Couette flow between a wall at rest and one that moves; in time with a light fluid that soon is settled."""
+    time = {} if waveform is None else {"time": {"step": 0.1, "end": 2}, "fluid": {"density": 1e-3, "viscosity": 0.1}}
+    lid = {"velocity_x": 3.0} | ({"waveform": waveform} if waveform else {})
+    inflow = {"mean_velocity": 3, "profile": "y/H"} | ({"waveform": waveform} if waveform else {})
+    scene = channel(tmp_path, {"walls": ["low", "high"]}, walls={"high": lid}, inflow=inflow, **time)
+    assert scene.geometry.boundaries.walls == ("low",)
+    result = solve(scene, tmp_path / "run")
+    assert result.checked
+    mesh, state = state_of(result)
+    factor = np.cos(2) if waveform == "cos(t)" else 1.0
+    error = 3e-2 if waveform == "cos(t)" else 1e-7  # that of Couette flow without inertia
+    np.testing.assert_allclose(state.v[:, 0], 3 * factor * mesh.p2_coordinates[:, 1], rtol=0, atol=error)
+
+
+def flap(folder, half: bool, **tables) -> Scene:
+    """An elastic block behind a rigid one in a channel; or the lower half of all, cut at the line of symmetry."""
+    x, y = np.linspace(0, 3, 13), np.linspace(0, 1, 9)
+    y = y[y < 0.51] if half else y
+
+    def region(x, y):
+        return 1 if not 0.25 < y < 0.75 or not 0.75 < x < 1.75 else 2 if x > 1 else 0
+
+    def label(x, y):
+        if y in (0.0, 1.0):
+            return 3
+        if half and y == 0.5:
+            return 4
+        if x == 1.0 and 0.25 < y < 0.75:
+            return 6
+        return {0.0: 1, 3.0: 2}.get(x, 3 if x < 1 else 5)
+
+    mesh = structured_mesh(x, y, region, label)
+    path = write_mesh(folder / f"flap{half}.msh", mesh, {"water": 1, "block": 2}, NAMES)
+    sides = {"inlet": "in", "outlet": "out", "walls": "low", "clamped": "ends"}
+    sides |= {"symmetry": "high"} if half else {}
+    profile = {"profile": "6*y*(1-y)"}
+    return scene_on(
+        path,
+        sides,
+        {"fluid": "water", "block": "block"},
+        **{
+            "fluid": WATER,
+            "solid": {"block": RUBBER},
+            "outlet": {"kind": "do-nothing"},
+            "inflow": {"mean_velocity": 1.0, **profile},
+            **tables,
+        },
+    )
+
+
+@pytest.mark.parametrize("time", [None, {"step": 0.02, "end": 0.1}], ids=["steady", "in time"])
+def test_half_of_a_symmetric_scene_is_half_of_it(time, tmp_path):
+    tables = {"time": time} if time else {}
+    whole, half = (solve(flap(tmp_path, which, **tables), tmp_path / str(which)) for which in (False, True))
+    assert whole.checked and half.checked
+    (mesh, state), (part, of_part) = state_of(whole), state_of(half)
+    same = [np.flatnonzero((np.abs(mesh.p2_coordinates - x) < 1e-12).all(axis=1))[0] for x in part.p2_coordinates]
+    for field in ("u", "v"):
+        values, found = getattr(state, field)[same], getattr(of_part, field)
+        assert np.abs(values).max() > 1e-3
+        np.testing.assert_allclose(found, values, rtol=0, atol=1e-7 * np.abs(values).max())
+    moved = np.abs(of_part.u[(part.p2_coordinates[:, 1] == 0.5) & (part.p2_coordinates[:, 0] > 1.8), 0])
+    assert moved.max() > 1e-4  # the mesh slides along the line
+    assert whole.quantities["drag"] == pytest.approx(2 * half.quantities["drag"], rel=1e-7) if not time else True
+
+
+@pytest.mark.parametrize(
+    "time", [(), ("time.step=0.02", "time.end=0.06", "inflow.ramp=0.1")], ids=["steady", "in time"]
+)
+def test_a_cylinder_that_turns_lifts(solved, time):
+    centre = ("walls.cylinder.centre_x=0.2", "walls.cylinder.centre_y=0.2")
+    slow = "walls.cylinder.rotation=2"
+    turned, back = (solved("cylinder-2d1", *centre, slow.replace("2", speed), *time) for speed in ("2", "-2"))
+    lifts = []
+    for result in (turned, back):
+        assert result.checked
+        lift = result.quantities["lift"]
+        lifts.append(lift if not time else result.history["lift"].iloc[-1])
+    assert lifts[0] * lifts[1] < 0
+
+
+# A wrong script does not pass.
+WRONG = [
+    ("edp/lib/moving-walls.idp", "v *= -rotation[j]", "v *= rotation[j]"),
+    ("edp/lib/moving-walls.idp", "wallFactor = 1;", "wallFactor = 1.001;"),
+]
+
+
+@pytest.mark.parametrize(("path", "old", "new"), WRONG)
+def test_a_wrong_velocity_of_a_wall_is_caught(path, old, new, tmp_path):
+    root = copy_program(tmp_path / "copy")
+    settings = [f"walls.cylinder.{key}" for key in ("rotation=2", "centre_x=0.2", "centre_y=0.2")]
+    assert "prescribed" in refused(root, path, old, new, "cylinder-2d1", *settings)
+
+
+REFUSED = [
+    ({"walls": ["low", "high"]}, {"high": {"velocity_y": 1}}, "walls.high: at .* it would move through itself"),
+    (
+        {"walls": ["low", "high"]},
+        {"hihg": {"velocity_x": 1}},
+        'walls.hihg: no wall that can move; accepted: "low", "high"',
+    ),
+    ({"walls": ["low", "high"]}, {"high": {"waveform": "t"}}, "walls.high.waveform.*only accepted in a scene with"),
+    ({"walls": "low", "slip": "nothing"}, {}, "no such boundary"),
+]
+
+
+@pytest.mark.parametrize(("sides", "walls", "text"), REFUSED)
+def test_refused(sides, walls, text, tmp_path):
+    with pytest.raises(SceneError, match=text):
+        channel(tmp_path, sides, walls=walls)
+
+
+def test_a_slip_wall_along_no_axis_is_refused(tmp_path):
+    mesh = structured_mesh(
+        np.linspace(0, 2, 5), np.linspace(0, 1, 3), lambda x, y: 1, lambda x, y: 1 + (y in (0, 1)) * 2 + (x == 2)
+    )
+    turn = np.array([[np.cos(0.3), np.sin(0.3)], [-np.sin(0.3), np.cos(0.3)]])
+    path = write_mesh(
+        tmp_path / "turned.msh",
+        type(mesh)(mesh.vertices @ turn, mesh.triangles, mesh.region, mesh.edges, mesh.label, mesh.p2),
+        {"fluid": 1},
+        {"in": 1, "out": 2, "sides": 3},
+    )
+    with pytest.raises(SceneError, match=r"parallel to no axis; accepted: straight pieces along x or y"):
+        scene_on(
+            path,
+            {"inlet": "in", "outlet": "out", "slip": "sides"},
+            {"fluid": "fluid"},
+            fluid=WATER,
+            outlet={"kind": "do-nothing"},
+            inflow={"mean_velocity": 1},
+        )

@@ -1,0 +1,32 @@
+"""Mesh files of structured meshes, and the scenes that read them."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import meshio
+import numpy as np
+
+from ffsi.files.arrays import RawMesh
+from ffsi.scene import Scene
+
+
+def write_mesh(path: Path, mesh: RawMesh, regions: Mapping[str, int], curves: Mapping[str, int]) -> Path:
+    """Write a mesh with the names of its regions and labels in Gmsh's format, lengths in m."""
+    data = [mesh.region, mesh.label]
+    meshio.Mesh(
+        mesh.vertices,
+        [("triangle", mesh.triangles), ("line", mesh.edges)],
+        cell_data={"gmsh:physical": data, "gmsh:geometrical": data},
+        field_data={name: np.array([number, 2]) for name, number in regions.items()}
+        | {name: np.array([number, 1]) for name, number in curves.items()},
+    ).write(path, file_format="gmsh22")
+    return path
+
+
+def scene_on(path: Path, boundaries: Mapping[str, Any], regions: Mapping[str, str], **tables: Any) -> Scene:
+    """Return a scene on a mesh file."""
+    geometry = {"kind": "mesh", "file": str(path), "regions": dict(regions), "boundaries": dict(boundaries)}
+    return Scene.model_validate(
+        {"name": "own", "geometry": geometry, "output": {"pictures": False, "vtu": False}, **tables}
+    )
