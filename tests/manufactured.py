@@ -85,6 +85,7 @@ class Exact:
     solid_pressure: Callable = None
     viscosity: Callable = lambda squared: VISCOSITY + 0.0 * squared
     far_viscosity: float = VISCOSITY
+    hyperelastic_mesh: bool = False
 
     def place(self, x, t):
         return x + self.u(x, t)
@@ -122,10 +123,13 @@ class Exact:
         return det(self.deformation(x, t)) * np.trace(g, axis1=1, axis2=2)
 
     def mesh_force(self, x, t, weight):
-        """What the harmonic mesh motion with this weight of div u, of stiffness 1, leaves over."""
+        """What the mesh motion with this weight of div u or ln J, of stiffness 1, leaves over."""
 
         def stress(z):
             g = gradient(lambda y: self.u(y, t), z)
+            if self.hyperelastic_mesh:
+                f = np.eye(2) + g
+                return f + ((weight * np.log(det(f)) - 1) / det(f))[:, None, None] * cofactor(f)
             return g + weight * spherical(np.trace(g, axis1=1, axis2=2))
 
         return -divergence(stress, x)

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import logging
 import tempfile
 import time
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from ffsi.files import folder
 from ffsi.files.arguments import count_of, path_of
@@ -15,7 +18,10 @@ from ffsi.hemodynamics.result import Result
 from ffsi.run.execute import execute, start
 from ffsi.run.point import Point, seconds
 from ffsi.run.resume import check_resumable
-from ffsi.scene import Scene, scene_of
+from ffsi.scene import Scene, scene_of, with_values
+from ffsi.scene.numerics import FURTHEST
+
+logger = logging.getLogger(__name__)
 
 
 def solve(
@@ -71,6 +77,14 @@ def solve(
         arguments = start(point, installation, resume)
         died = None if arguments is None else execute(scene, directory, installation, arguments, on_event, threads)
         data = point.judged(died, check)
+        if not resume and (further := _that_goes_further(scene, data)) is not None:
+            note = f"mesh_motion.kind = {further.mesh_motion.kind}, from the start: {data['reason']}"  # type: ignore[union-attr]
+            logger.warning("%s: %s", directory, note)
+            scene, point = further, Point(further, directory, 1, {}, alone=True)
+            start(point, installation, resume=False)
+            died = execute(scene, directory, installation, {}, on_event, threads)
+            data = point.judged(died, check)
+            data["warnings"].append(note)
         point.draw(data)
         if animate is not None:
             point.animate(data, animate)
@@ -79,6 +93,14 @@ def solve(
     if data["failure"] == "crash":
         raise died or FreeFEMError("crash", data["reason"], log=directory / folder.LOG)
     return Result(scene, directory, data, temporary)
+
+
+def _that_goes_further(scene: Scene, data: Mapping[str, Any]) -> Scene | None:
+    """Return the scene with a mesh motion that does not fold so soon, where the one that it has by default folded."""
+    motion = scene.mesh_motion
+    if scene.time is None or motion is None or not motion.law.linear or "kind" in motion.model_fields_set:
+        return None
+    return with_values(scene, {"mesh_motion.kind": FURTHEST}) if "the fluid mesh folds" in data["reason"] else None
 
 
 def resume(directory: str | Path, *, check: bool = True, on_event: OnEvent | None = None, threads: int = 1) -> Result:

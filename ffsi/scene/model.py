@@ -21,7 +21,7 @@ from ffsi.scene.flow import WOMERSLEY, Forces, Inflow, velocity_problems, with_m
 from ffsi.scene.fluids import Fluid, PowerLaw
 from ffsi.scene.geometry import ChannelGeometry, FlapChannel, Geometry, GeometryBase, MeshGeometry, Physics
 from ffsi.scene.materials import Solid
-from ffsi.scene.numerics import MOTIONS, SIZES, Mesh, MeshMotion, Output, Solver
+from ffsi.scene.numerics import SIZES, Mesh, MeshMotion, Output, Solver
 from ffsi.scene.outlet import Outlet
 from ffsi.scene.time import Time
 from ffsi.scene.toml import parse_toml
@@ -249,10 +249,6 @@ class Scene(Table):
                 if value is not None:
                     yield Problem(f"inflow.{key}", text, short(value) + (" s" if key == "ramp" else ""))
             return
-        if self.mesh_motion is not None and not self.mesh_motion.law.linear:
-            linear = ", ".join(f'"{kind}"' for kind, law in MOTIONS.items() if law.linear)
-            text = f"not accepted in a scene with a table time; accepted there: {linear}"
-            yield Problem("mesh_motion.kind", text, short(self.mesh_motion.kind))
         if self.inflow is not None:
             t = np.linspace(0.0, self.time.end, 2001)
             bad = t[~np.isfinite(self.inflow.factor(t))]

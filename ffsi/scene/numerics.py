@@ -17,10 +17,7 @@ SIZES = ("growth", "far_size", "body_size", "corner_size")
 
 @dataclass(frozen=True)
 class MotionLaw:
-    """What is known of a kind of mesh motion: `mesh_motion.divergence_weight` where it is not given, and its form.
-
-    Only a linear one is solved in time.
-    """
+    """What is known of a kind of mesh motion: `mesh_motion.divergence_weight` where it is not given, and its form."""
 
     divergence_weight: float
     linear: bool = True
@@ -31,6 +28,10 @@ MOTIONS = {
     "linear-elastic": MotionLaw(16.0),
     "hyperelastic": MotionLaw(5.0, linear=False),
 }
+
+
+FURTHEST = "hyperelastic"
+"""The kind that is taken where the default one, in time a linear one, folds."""
 
 
 class Mesh(Table):
@@ -66,7 +67,8 @@ class MeshMotion(Table):
     kind: Literal["harmonic", "linear-elastic", "hyperelastic"] = Field(
         "linear-elastic",
         description='equation of the mesh motion: "harmonic", "linear-elastic" (both linear; the latter if absent and '
-        'the scene is in time) or "hyperelastic" (for large displacements; if absent and the scene is steady)',
+        'the scene is in time) or "hyperelastic" (for large displacements; if absent and the scene is steady, or where '
+        "the linear one folds)",
     )
     stiffness_exponent: NonNegativeNumber = Field(
         1.0, description="exponent m of the factor (largest area / area)^m of alpha, dimensionless"

@@ -8,7 +8,7 @@ from typing import Any, get_args
 from ffsi.scene.flow import WAVEFORMS, WOMERSLEY
 from ffsi.scene.geometry import ChannelGeometry, Geometry, GeometryBase, MeshGeometry
 from ffsi.scene.json_schema import Rule, absent, at, equals, every, given, some, when
-from ffsi.scene.numerics import MOTIONS, SIZES
+from ffsi.scene.numerics import SIZES
 from ffsi.scene.validation import literals
 from ffsi.scene.waveforms import named_waveforms
 
@@ -26,7 +26,6 @@ def rules() -> Rule:
     )
     fourier = some(given("inflow.series"), given("inflow.waveform_file"), periodic)
     steady = absent("output.wall", "inflow.ramp", *(f"inflow.{key}" for key in WAVEFORMS))
-    no_linear = [kind for kind, law in MOTIONS.items() if not law.linear]
     return every(
         [
             some(given("fluid"), SOLIDS),
@@ -36,7 +35,7 @@ def rules() -> Rule:
             when(equals("outlet.hydrostatic", True), given("gravity")),
             when(at("walls", {"minProperties": 1}), given("fluid")),
             when(given("mesh.root_size"), equals("geometry.kind", "flap-channel")),
-            when(given("time"), {"not": equals("mesh_motion.kind", *no_linear)}, steady),
+            when(given("time"), {}, steady),
             when(given("output.wall"), periodic),
             when(equals("inflow.profile", WOMERSLEY), every([fourier, {"not": equals("fluid.law", "power-law")}])),
             *(rule for geometry in get_args(get_args(Geometry)[0]) for rule in _of_geometry(geometry)),

@@ -307,7 +307,8 @@ def _machinery(scene: Scene) -> list[str]:
     if scene.time:
         first = ["womersley"] if _womersley(scene) else []
         wall = ["wall"] if scene.output.wall else []
-        last = [*first, "energy", "start-of-step", "condensed", "step-forces", *wall]
+        follow = ["following-mesh"] if scene.mesh_motion and not scene.mesh_motion.law.linear else []
+        last = [*first, "energy", "start-of-step", *follow, "condensed", "step-forces", *wall]
         last += ["time-steps", "checkpoints", "failure-in-time", "main-in-time"]
     flow = ["outlet"] if special else []
     flow += ["constant-rows", "residual", "jacobian", "newton", *(["forces"] if scene.fluid else [])]
@@ -330,11 +331,7 @@ def _better_mesh_motion(scene: Scene) -> str:
     motion = scene.mesh_motion
     if motion is None or not motion.law.linear:
         return ""
-    if scene.time is None:
-        return "; mesh_motion.kind = hyperelastic goes further"
-    if motion.kind == "linear-elastic" and motion.divergence_weight >= 16:
-        return ""
-    return "; mesh_motion.kind = linear-elastic with mesh_motion.divergence_weight = 16 goes further"
+    return "; mesh_motion.kind = hyperelastic goes further"
 
 
 def _labels(outline: list[Boundary], *roles: str) -> list[int]:

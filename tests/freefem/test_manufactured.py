@@ -150,7 +150,11 @@ EXACT = {
 }
 # A fluid on a mesh that moves as told: the same with all of the solid prescribed.
 TOLD_MESH = ("fluid", "carreau")
+COUPLED = ("both", "hyperelastic")
 WAVES["fluid"], WAVES["carreau"] = WAVES["both"], thinning(WAVES["both"])
+for fields in (WAVES, EXACT):
+    stiff = replace(fields["both"].exact[FLUID], hyperelastic_mesh=True)
+    fields["hyperelastic"] = replace(fields["both"], exact={**fields["both"].exact, FLUID: stiff})
 # The shear rate of a linear velocity is the same at all points.
 EXACT["fluid"], EXACT["carreau"] = EXACT["both"], thinning(planes_above(lambda x: 1.0 + 0.0 * x[:, 0], (0.0, 0.0)))
 
@@ -160,8 +164,9 @@ EXACT["fluid"], EXACT["carreau"] = EXACT["both"], thinning(planes_above(lambda x
 
 def scene_in_time(kind: str, k: float, end: float, *settings: str) -> Scene:
     time = (f"time.step={k!r}", f"time.end={end!r}", "solver.step_tolerance=1e-10", *settings)
-    if kind == "both" or kind in TOLD_MESH:
-        return scene_of("flap-svk", f"fluid={FLUIDS.get(kind, FLUIDS['newtonian'])}", *BOTH, *time)
+    if kind in COUPLED or kind in TOLD_MESH:
+        motion = ["mesh_motion.kind=hyperelastic"] if kind == "hyperelastic" else []
+        return scene_of("flap-svk", f"fluid={FLUIDS.get(kind, FLUIDS['newtonian'])}", *BOTH, *motion, *time)
     law = SOLIDS.get(kind, SOLIDS["st-venant-kirchhoff"])
     return scene_of("cantilever", f"solid.beam={law}", "traction.y=0", *time)
 

@@ -11,7 +11,7 @@ from conftest import PLAIN
 from ffsi.files.arrays import read_mesh, read_state
 from ffsi.hemodynamics.result import Result
 from ffsi.run.one_scene import solve
-from ffsi.scene import load_scene
+from ffsi.scene import load_scene, with_values
 
 SMALL = ["mesh.level=0", "mesh.size_factor=2", "time.stop=end", *PLAIN]
 MIXED = '{material = "neo-hookean", density = 1000.0, lame_mu = 2e6, poisson_ratio = 0.4, formulation = "mixed"}'
@@ -24,7 +24,11 @@ def run(directory, case: str, *settings: str) -> Result:
 # Condensed and plain Newton -------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("settings", [[], [f"solid.beam={MIXED}"]], ids=["displacement", "mixed"])
+@pytest.mark.parametrize(
+    "settings",
+    [[], [f"solid.beam={MIXED}"], ["mesh_motion.kind=hyperelastic"]],
+    ids=["displacement", "mixed", "hyperelastic mesh"],
+)
 def test_both_solvers_give_the_same_history(tmp_path, settings):
     tolerance, step = 1e-8, 0.01
     steps = ["inflow.ramp=0.05", f"time.step={step}", "time.end=0.06", f"solver.step_tolerance={tolerance}"]
@@ -45,6 +49,21 @@ def test_both_solvers_give_the_same_history(tmp_path, settings):
         print(f"{name}: {np.abs(one - other).max():.1e} of {np.abs(one).max():.1e}, accepted {accepted:.1e}")
         assert np.abs(one - other).max() < accepted < 1e-3 * np.abs(one).max()
         assert not np.array_equal(one, other)
+
+
+def test_where_the_mesh_folds_the_run_starts_again_with_one_that_does_not(tmp_path, caplog):
+    flow = ["inflow.mean_velocity=0.4", "inflow.ramp=1", "time={step=0.05,end=1}"]
+    scene = with_values(load_scene("flap-neo-hookean", [*SMALL[:2], *PLAIN, *flow]), {"mesh_motion": None})
+    assert scene.mesh_motion.kind == "linear-elastic"
+    result = solve(scene, tmp_path / "run")
+    assert result.checked
+    assert result.scene.mesh_motion.kind == load_scene(tmp_path / "run/scene.toml").mesh_motion.kind == "hyperelastic"
+    (note,) = [text for text in result.data["warnings"] if "mesh_motion" in text]
+    assert "the fluid mesh folds at" in note
+    assert note in caplog.text
+    stated = solve(with_values(scene, {"mesh_motion.kind": "linear-elastic"}), tmp_path / "stated")
+    assert not stated.converged
+    assert stated.reason.endswith("mesh_motion.kind = hyperelastic goes further")
 
 
 # Steps that cannot be done --------------------------------------------------------------------------------------------

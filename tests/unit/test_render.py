@@ -83,6 +83,7 @@ def test_every_file_of_the_library_is_used():
         ("aneurysm", "fluid.law=casson", "fluid.yield_stress=0.004", "fluid.viscosity_infinity=0.0035"),
         ("turek-cfd1", "outlet.kind=pressure", "outlet.pressure=1"),
         ("aneurysm-pulsatile", "inflow.profile=womersley"),
+        ("turek-fsi3", "mesh_motion.kind=hyperelastic"),
     ]
     texts = [script(*other, bundled=False) for other in others] + [script(case, bundled=False) for case in CASES]
     used = set(re.findall(r'^include "lib/(.*)"', "\n".join(texts), re.MULTILINE))

@@ -169,7 +169,6 @@ WRONG: list[tuple[str, dict[str, Any]]] = [
     ("turek-fsi1", {"solver.tolerance": 1.0}),
     ("turek-fsi1", {"time": {"step": 0.1}}),
     ("turek-fsi1", {"time": {"step": 0.1, "end": 1, "smallest_step": 0.01}}),
-    ("turek-fsi1", {"time": {"step": 0.1, "end": 1}, "mesh_motion.kind": "hyperelastic"}),
     ("cook", {"solid": None}),
     ("cook", {"traction": None}),
     ("cook", {"inflow": {"mean_velocity": 1.0}}),
