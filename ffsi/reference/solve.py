@@ -143,6 +143,8 @@ def residual_vector(system: System, state: RawState, residual: Residual) -> Floa
 
 def _sliding(system: System) -> csc_array:
     """N N^T at the nodes that slide, in the rows of u and v that have no value, zero elsewhere; (N, N)."""
+    from scipy.sparse import coo_array
+
     given = _row_sources(system)[1]
     normals = np.concatenate([system.rows.u_normal, system.rows.v_normal])
     at = np.flatnonzero(normals.any(axis=1) & ~given[: 2 * len(normals) : 2])
