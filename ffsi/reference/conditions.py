@@ -101,6 +101,19 @@ class Outlet:
 
 
 @dataclass(frozen=True)
+class Load:
+    """Dead ``traction`` (2,) Pa per reference length and ``pressure`` Pa on a boundary of a solid, times ``factor``.
+
+    The pressure ``follows`` the boundary in its motion or acts as on the reference one; the factor is one of time.
+    """
+
+    traction: tuple[float, float]
+    pressure: float
+    follows: bool
+    factor: Callable[[float], float]
+
+
+@dataclass(frozen=True)
 class Support:
     """Elastic support of a wall from outside: ``stiffness`` Pa/m and ``damping`` Pa s/m, per reference length."""
 

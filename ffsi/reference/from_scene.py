@@ -9,7 +9,7 @@ import numpy as np
 
 from ffsi.files.arrays import Floats
 from ffsi.reference import materials, viscosity
-from ffsi.reference.conditions import Inflow, Outlet, Series, Support, womersley
+from ffsi.reference.conditions import Inflow, Load, Outlet, Series, Support, womersley
 from ffsi.reference.problem import FLUID_REGION, Boundary, Fluid, MeshMotion, Problem, Solid
 from ffsi.reference.step import Step
 from ffsi.scene import Scene, boundaries
@@ -65,7 +65,8 @@ def problem_from_scene(scene: Scene) -> Problem:
         name=scene.name,
         fluid=Fluid(scene.fluid.density, _viscosity(scene.fluid)) if scene.fluid else None,
         boundaries=tuple(
-            Boundary(b.name, b.label, b.role, b.part, b.circle, _motion(scene, b.moving)) for b in boundaries(scene)
+            Boundary(b.name, b.label, b.role, b.part, b.circle, _motion(scene, b.moving), _load(scene, b.load))
+            for b in boundaries(scene)
         ),
         solids={
             region: Solid(
@@ -142,6 +143,16 @@ def _motion(scene: Scene, name: str | None) -> Callable[[Floats, float], Floats]
         return factor(time) * np.column_stack([velocity.real, velocity.imag])
 
     return motion
+
+
+def _load(scene: Scene, name: str | None) -> Load | None:
+    if name is None:
+        return None
+    load = scene.loads[name]
+    wave = load.expression
+    return Load(
+        (load.traction_x, load.traction_y), load.pressure, load.following, lambda time: float(wave.evaluate(t=time))
+    )
 
 
 def _wall_factor(scene: Scene, name: str) -> Callable[[float], float]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from ffsi.files.arrays import Floats, Ints, RawState
 from ffsi.reference import terms
-from ffsi.reference.conditions import Outlet, Support
+from ffsi.reference.conditions import Load, Outlet, Support
 from ffsi.reference.elements import gauss_rule
 from ffsi.reference.materials import Array
 from ffsi.reference.problem import Fluid
@@ -95,6 +95,18 @@ def support(system: System, held: Support, edges: Ints, u: Array, v: Array) -> A
         return terms.support(held, length, u, np.zeros_like(v))
     step, old = increment.step, increment.old
     return terms.support(held, length, step.mean(u, old.u[edges]), step.mean(v, old.v[edges]))
+
+
+def load(system: System, acting: Load, sides: Sides, u: Array) -> Array:
+    """Work of a load on sides of a solid with nodal displacements u (n, 3, 2), (n, 3, 2); in a step that in between."""
+    nodes, time = sides.nodes, 0.0
+    if (increment := system.increment) is not None:
+        u, time = increment.step.mean(u, increment.old.u[nodes]), increment.step.between
+    factor = 1.0 if increment is None else acting.factor(time)
+    ends = system.mesh.p2_coordinates[nodes] + (u if acting.follows else np.zeros_like(u))
+    x, y = acting.traction
+    dead = terms.traction((factor * x, factor * y), np.hypot(*sides.tangent.T))
+    return dead - terms.side_pressure(ends, factor * acting.pressure)
 
 
 def supported_edges(system: System) -> Ints:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal, get_args
 
 from ffsi.files.arrays import Floats
-from ffsi.reference.conditions import Inflow, Outlet, Support
+from ffsi.reference.conditions import Inflow, Load, Outlet, Support
 from ffsi.reference.materials import Material, SplitMaterial
 from ffsi.reference.mesh_motion import MOTIONS
 from ffsi.reference.viscosity import Viscosity
@@ -76,6 +76,7 @@ class Boundary:
     """Edges of one label: their role, the body part they belong to, and the circle (cx, cy, r) they approximate.
 
     ``motion`` maps points (n, 2) of a no-slip wall that moves and the time to its velocities (n, 2), metres per second.
+    ``load`` is what acts on a loaded boundary besides the problem's traction.
     """
 
     name: str
@@ -84,6 +85,7 @@ class Boundary:
     part: str | None = None
     circle: tuple[float, float, float] | None = None
     motion: Callable[[Floats, float], Floats] | None = None
+    load: Load | None = None
 
 
 @dataclass(frozen=True)

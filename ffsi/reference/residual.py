@@ -186,6 +186,9 @@ def _loads(system: System, state: RawState) -> dict[str, Floats]:
         loads["support"] = scatter(local, edges, system.mesh.n_p2)
     if system.problem.labels("loaded"):
         loads["traction"] = _traction(system)
+    for acting, sides in system.loaded:
+        local = momentum.load(system, acting, sides, state.u[sides.nodes])
+        loads["traction"] = loads["traction"] + scatter(local, sides.nodes, system.mesh.n_p2)
     if system.problem.manufactured is not None:
         loads["source"] = system.problem.manufactured.force(system)
     return loads
@@ -222,7 +225,8 @@ def _mesh_motion(system: System, fluid: FluidPart, motion: MeshMotion, state: Ra
 
 def _traction(system: System) -> Floats:
     mesh = system.mesh
-    loaded = np.isin(mesh.label, system.problem.labels("loaded"))
+    labels = [b.label for b in system.problem.boundaries if b.role == "loaded" and b.load is None]
+    loaded = np.isin(mesh.label, labels)
     start, end = mesh.vertices[mesh.edges[loaded]].transpose(1, 0, 2)
     length = np.hypot(*(end - start).T)
     return scatter(terms.traction(system.problem.traction, length), mesh.edge_nodes[loaded], mesh.n_p2)

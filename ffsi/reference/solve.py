@@ -14,14 +14,14 @@ import numpy as np
 
 from ffsi.files.arrays import Floats, Ints, RawState
 from ffsi.reference import momentum, terms
-from ffsi.reference.conditions import Outlet, Support
+from ffsi.reference.conditions import Load, Outlet, Support
 from ffsi.reference.materials import Array
 from ffsi.reference.relative import largest, norm, relative
 from ffsi.reference.residual import Residual, compute_residual
 from ffsi.reference.sizes import unknown_sizes
 from ffsi.reference.slip import along
 from ffsi.reference.step import Step
-from ffsi.reference.system import FluidPart, Mask, SolidPart, System
+from ffsi.reference.system import FluidPart, Mask, Sides, SolidPart, System
 
 if TYPE_CHECKING:  # a check of a solved state needs none of it, and it takes a quarter of a second to load
     from scipy.sparse import csc_array
@@ -190,6 +190,7 @@ def _groups(system: System, state: RawState) -> Iterator[_Group]:
         yield _solid_group(system, solid, len(state.p))
     if system.problem.support is not None:
         yield _support_group(system, system.problem.support)
+    yield from (_load_group(system, acting, sides) for acting, sides in system.loaded if acting.follows)
     if system.increment is not None and system.solids:
         yield _kinematics_group(system, state)
 
@@ -252,6 +253,16 @@ def _support_group(system: System, held: Support) -> _Group:
         return momentum.support(system, held, edges, u, v).reshape(n, 6)
 
     return function, np.hstack([numbers, 2 * n2 + numbers]), 2 * n2 + numbers
+
+
+def _load_group(system: System, acting: Load, sides: Sides) -> _Group:
+    """Sides of a solid under a pressure that follows them: 6 rows of momentum, numbered like v, by 6 u."""
+    n, numbers = len(sides.nodes), _numbers(sides.nodes)
+
+    def function(local: Array) -> Array:
+        return momentum.load(system, acting, sides, local.reshape(n, 3, 2)).reshape(n, 6)
+
+    return function, numbers, 2 * system.mesh.n_p2 + numbers
 
 
 def _solid_group(system: System, solid: SolidPart, nv: int) -> _Group:

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ffsi.files.arrays import Floats, Ints, RawMesh, RawState
+from ffsi.reference.conditions import Load
 from ffsi.reference.elements import Elements
 from ffsi.reference.problem import FLUID_REGION, Boundary, Fluid, MeshMotion, Problem, Solid
 from ffsi.reference.slip import node_normals
@@ -94,7 +95,7 @@ class System:
     """The discrete system of docs/theory.md on one mesh: the steady one, or that of one time step.
 
     ``solids`` by region number; ``rows`` the equations and conditions per node; ``increment`` the time step and the
-    state that it starts from, None for the steady system.
+    state that it starts from, None for the steady system; ``loaded`` the sides of solids with a load of their own.
     """
 
     problem: Problem
@@ -103,6 +104,7 @@ class System:
     solids: dict[int, SolidPart]
     rows: Rows
     increment: Increment | None = None
+    loaded: tuple[tuple[Load, Sides], ...] = ()
 
     @classmethod
     def build(cls, problem: Problem, mesh: RawMesh) -> "System":
@@ -124,7 +126,10 @@ class System:
             region: SolidPart(law, _elements(mesh, region), pressures.get(region))
             for region, law in problem.solids.items()
         }
-        return cls(problem, mesh, fluid, solids, _rows(problem, mesh, fluid, solids, None))
+        pressed = [boundary for boundary in problem.boundaries if boundary.load is not None]
+        around = [outline(mesh, region) for region in solids] if pressed else []
+        loaded = tuple((b.load, sides.select(sides.label == b.label)) for b in pressed if b.load for sides in around)
+        return cls(problem, mesh, fluid, solids, _rows(problem, mesh, fluid, solids, None), None, loaded)
 
     def stepping(self, old: RawState, step: Step, reservoir: float = 0.0) -> "System":
         """Return the system of one time step from the state ``old`` and the ``reservoir`` pressure of its outlet."""

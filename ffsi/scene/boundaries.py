@@ -10,6 +10,7 @@ Role = Literal["inlet", "outlet", "no-slip", "interface", "clamped", "free", "lo
 INLET, OUTLET, WALLS, CYLINDER, SURFACE, CLAMPED, OUTER, LEFT_LIP, RIGHT_LIP, ROOF, ROOF_ENDS, LOADED = range(1, 13)
 INNER_WALL, OUTER_WALL, DOME_WALL, SUPPORTED, SLIP_X, SLIP_Y = range(13, 19)
 STRUTS = 20  # the first strut of a stent, the others follow
+LOADS = 20  # the first load in a mesh of the user's own, the others follow
 MOVING = 30  # the first moving wall in a mesh of the user's own, the others follow
 PARTS = 40  # the first body part in a mesh of the user's own, the others follow
 
@@ -20,8 +21,8 @@ class Boundary:
 
     It has the length of the exact curve, m, and perhaps a body part, on which the fluid's force is reported. An arc has
     a circle: centre x, y and radius, m; `curved` are vertices on other curves. The outer side of a wall is `supported`
-    instead of `free` in a scene with a support; a no-slip one may be `moving`, as the table of that name in the
-    scene's `walls` says. Labels: docs/formats.md, roles: docs/theory.md.
+    instead of `free` in a scene with a support; a no-slip one may be `moving`, a loaded one have a `load`, as the
+    tables of these names in the scene's `walls` and `loads` say. Labels: docs/formats.md, roles: docs/theory.md.
     """
 
     name: str
@@ -33,6 +34,7 @@ class Boundary:
     curved: bool = False
     outer: bool = False
     moving: str | None = None
+    load: str | None = None
 
 
 @dataclass(frozen=True)

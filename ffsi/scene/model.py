@@ -20,6 +20,7 @@ from ffsi.scene.errors import Problem, SceneError, join, names, nearest, short
 from ffsi.scene.flow import WOMERSLEY, Forces, Inflow, velocity_problems, with_mean_velocity
 from ffsi.scene.fluids import Fluid, PowerLaw
 from ffsi.scene.geometry import ChannelGeometry, FlapChannel, Geometry, GeometryBase, MeshGeometry, Physics
+from ffsi.scene.loads import Load, load_problems
 from ffsi.scene.materials import Solid
 from ffsi.scene.numerics import SIZES, Mesh, MeshMotion, Output, Solver
 from ffsi.scene.outlet import Outlet
@@ -88,6 +89,9 @@ class Scene(Table):
     traction: Traction | None = Field(
         None, description="dead traction on the loaded boundary, per reference length, in Pa; needed where there is one"
     )
+    loads: dict[str, Load] = Field(
+        default_factory=dict, description="loads on boundaries of solids, by name, besides those of `traction`"
+    )
     support: Support | None = Field(
         None, description="elastic support of the outer sides of walls, stiffness in Pa/m, damping in Pa s/m"
     )
@@ -105,8 +109,10 @@ class Scene(Table):
 
     @model_validator(mode="before")
     @classmethod
-    def _name_walls(cls, table: Any) -> Any:
-        return named(table) if isinstance(table, Mapping) else table
+    def _name_boundaries(cls, table: Any) -> Any:
+        if not isinstance(table, Mapping):
+            return table
+        return named(named(table, "walls", "walls", "moving"), "loads", "loaded", "loads")
 
     @field_validator("name")
     @classmethod
@@ -143,14 +149,16 @@ class Scene(Table):
     def _complete(self) -> Self:
         if isinstance(self.geometry, MeshGeometry):  # a fluid without a region has no inlet either
             refuse(self.geometry.scene_problems(self.solid, self.fluid is not None))
+        outline = self.geometry.outline(self.physics)
         problems = [
+            load_problems(self.loads, self.geometry, outline, self.time, self.support is not None),
             self._physics_problems(),
             self._load_problems(),
             self._mesh_problems(),
             self._inflow_problems(),
             self._time_problems(),
             self._wall_problems(),
-            wall_problems(self.walls, self.geometry, self.geometry.outline(self.physics), self.steady),
+            wall_problems(self.walls, self.geometry, outline, self.steady),
         ]
         refuse([problem for group in problems for problem in group])
         if self.inflow and isinstance(self.geometry, ChannelGeometry) and self.inflow.mean_velocity is None:
@@ -202,7 +210,8 @@ class Scene(Table):
                 yield Problem(key, f'not accepted: the geometry "{kind}" holds no fluid')
 
     def _load_problems(self) -> Iterator[Problem]:
-        loaded = any(boundary.role == "loaded" for boundary in self.geometry.outline(self.physics))
+        outline = self.geometry.outline(self.physics)
+        loaded = any(boundary.role == "loaded" and not boundary.load for boundary in outline)
         if loaded and self.traction is None:
             yield Problem("traction", f"missing; {type(self).model_fields['traction'].description}")
         if self.traction is not None and not loaded:
@@ -433,5 +442,12 @@ def boundaries(scene: Scene) -> list[Boundary]:
     if scene.support is not None:
         found = [replace(boundary, role="supported") if boundary.outer else boundary for boundary in found]
     if scene.geometry.kind != "mesh":  # a mesh knows its own
-        found = [replace(side, moving=side.name) if side.name in scene.walls else side for side in found]
+        found = [
+            replace(side, moving=side.name) if side.name in scene.walls and side.role == "no-slip" else side
+            for side in found
+        ]
+        found = [
+            replace(side, role="loaded", load=side.name) if side.name in scene.loads and side.role == "free" else side
+            for side in found
+        ]
     return sorted(found, key=lambda boundary: boundary.label)

@@ -80,12 +80,13 @@ def _of_mesh() -> Rule:
     """Return the rules of a mesh from a file: it has the sizes, and a fluid where a region is one."""
     bare = absent(*(f"mesh.{key}" for key in SIZES))
     of_fluid = [f"geometry.boundaries.{key}" for key in ("inlet", "outlet", "walls", "slip")]
-    pairs = (("support", "supported"), ("traction", "loaded"))
+    loads = some(given("traction"), at("loads", {"minProperties": 1}))
     return every(
         [
             bare,
             when(given("mesh.size_factor"), equals("mesh.size_factor", 1)),
             when(given("geometry.regions.fluid"), given("fluid", *of_fluid[:2]), absent("fluid", *of_fluid)),
-            *(when(given(f"geometry.boundaries.{boundary}"), given(table), absent(table)) for table, boundary in pairs),
+            when(given("geometry.boundaries.supported"), given("support"), absent("support")),
+            when(given("geometry.boundaries.loaded"), loads, absent("traction")),
         ]
     )

@@ -17,9 +17,19 @@ from ffsi.scene.expressions import Expression, ExpressionError
 from ffsi.scene.geometry import GeometryBase, MeshGeometry
 from ffsi.scene.units import Coordinate, Quantity
 
-_TIME = ("t",)
+TIME = ("t",)
 _THROUGH = 1e-6
 """Part of the speed of a wall that may go through it."""
+
+
+def readable(text: str | None) -> str | None:
+    """Return the text of a waveform, for a validator; refuse one that is no formula in t."""
+    try:
+        if text is not None:
+            Expression.parse(text, TIME)
+    except ExpressionError as error:
+        refuse([Problem("", f"{error}; accepted: a formula in t", short(text))])
+    return text
 
 
 class Wall(Table):
@@ -41,20 +51,12 @@ class Wall(Table):
         "the inflow if absent; needs a table time",
     )
 
-    @field_validator("waveform")
-    @classmethod
-    def _readable(cls, text: str | None) -> str | None:
-        try:
-            if text is not None:
-                Expression.parse(text, _TIME)
-        except ExpressionError as error:
-            refuse([Problem("", f"{error}; accepted: a formula in t", short(text))])
-        return text
+    _readable = field_validator("waveform")(readable)
 
     @property
     def expression(self) -> Expression | None:
         """The waveform as a formula in t (s), dimensionless; None: that of the inflow."""
-        return None if self.waveform is None else Expression.parse(self.waveform, _TIME)
+        return None if self.waveform is None else Expression.parse(self.waveform, TIME)
 
     def velocity(self, points: Floats) -> Floats:
         """Return the velocity (n, 2) in m/s at points (n, 2) in m, without the factors of time."""
@@ -63,30 +65,24 @@ class Wall(Table):
         return np.asarray(np.array([self.velocity_x, self.velocity_y]) + turning)
 
 
-def named(table: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Return the table of a scene with those of its walls that have a table `walls.NAME` in `geometry.moving`."""
-    geometry, walls = table.get("geometry"), table.get("walls")
+def named(table: Mapping[str, Any], of_scene: str, role: str, key: str) -> Mapping[str, Any]:
+    """Return the table of a scene with names in `boundaries.ROLE` that have a table `OF_SCENE.NAME` in geometry.KEY."""
+    geometry, walls = table.get("geometry"), table.get(of_scene)
     if not isinstance(geometry, Mapping) or not isinstance(walls, Mapping):
         return table
-    boundaries, moving = geometry.get("boundaries"), geometry.get("moving", {})
+    boundaries, moving = geometry.get("boundaries"), geometry.get(key, {})
     if not isinstance(boundaries, Mapping) or not isinstance(moving, Mapping):
         return table
-    given = boundaries.get("walls")
+    given = boundaries.get(role)
     resting = list(given) if isinstance(given, list | tuple) else [given]
     found = [name for name in walls if name in resting and name not in moving]
     if not found:
         return table
     left = [name for name in resting if name not in found]
-    others = {key: value for key, value in boundaries.items() if key != "walls"}
-    boundaries = {**others, **({"walls": left} if left else {})}
-    return {
-        **table,
-        "geometry": {
-            **geometry,
-            "boundaries": boundaries,
-            "moving": {**moving, **dict(zip(found, found, strict=True))},
-        },
-    }
+    others = {name: value for name, value in boundaries.items() if name != role}
+    boundaries = {**others, **({role: left} if left else {})}
+    chosen = {**moving, **dict(zip(found, found, strict=True))}
+    return {**table, "geometry": {**geometry, "boundaries": boundaries, key: chosen}}
 
 
 def wall_problems(

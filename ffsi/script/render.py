@@ -26,7 +26,7 @@ from ffsi.script import flux_tables
 from ffsi.script.formula import with_formulas
 from ffsi.script.parameters import OF_CONSISTENCY, Parameter, units_of
 from ffsi.script.quantities import reported
-from ffsi.script.walls import moving_walls
+from ffsi.script.walls import moving_walls, named_loads
 
 _MESH_ALONE = """BuildMesh(meshLevel);
 CheckMesh();
@@ -179,7 +179,8 @@ def _context(scene: Scene, mumps: bool) -> dict[str, Any]:
         "interfaceLabels": _labels(outline, "interface"),
         "wallLabels": _labels(outline, "no-slip", "interface"),
         "partLabels": [b.label for b in parts],
-        "loadedLabels": _labels(outline, "loaded"),
+        "loadedLabels": [b.label for b in outline if b.role == "loaded" and not b.load],
+        "loadLabels": [b.label for b in outline if b.load],
         "supportedLabels": _labels(outline, "supported"),
     }
     needed = {"fixedDisplacement", "fixedVelocity"}  # even where they are empty
@@ -214,6 +215,7 @@ def _context(scene: Scene, mumps: bool) -> dict[str, Any]:
         "labels": [(name, here) for name, here in labels.items() if here or name in needed],
         "parts": parts,
         **moving_walls(scene, outline),
+        **named_loads(scene, outline),
         "strut_label": STRUTS,
         "inlet": scene.geometry.inlet if fluid and isinstance(scene.geometry, ChannelGeometry) else None,
         "fourier": scene.inflow and scene.inflow.fourier,
@@ -270,6 +272,7 @@ def _structure(scene: Scene, *, parts: bool, varying: bool) -> list[str]:
         "hasBends": bends,
         "hasSlip": any(b.role == "slip" for b in boundaries(scene)),
         "hasMovingWalls": scene.walls,
+        "hasLoads": scene.loads,
         "hasGivenBends": bends and not coupled,
         "hasParts": parts,
         "hasDoNothing": outlet and outlet.kind != "zero-traction",
@@ -310,7 +313,7 @@ def _machinery(scene: Scene) -> list[str]:
         follow = ["following-mesh"] if scene.mesh_motion and not scene.mesh_motion.law.linear else []
         last = [*first, "energy", "start-of-step", *follow, "condensed", "step-forces", *wall]
         last += ["time-steps", "checkpoints", "failure-in-time", "main-in-time"]
-    flow = ["outlet"] if special else []
+    flow = [*(["loads"] if scene.loads else []), *(["outlet"] if special else [])]
     flow += ["constant-rows", "residual", "jacobian", "newton", *(["forces"] if scene.fluid else [])]
     return [*flow, "output", "evidence", *last]
 

@@ -1,29 +1,49 @@
-"""Walls that move along themselves, for the templates."""
+"""Walls that move along themselves, and loads on solids, for the templates: arrays with a value for each label."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 from ffsi.scene import Boundary, Scene
 
-_NUMBERS = ("velocity_x", "velocity_y", "rotation", "centre_x", "centre_y")
+_WALL = ("velocity_x", "velocity_y", "rotation", "centre_x", "centre_y")
+_LOAD = ("traction_x", "traction_y", "pressure")
 
 
 def moving_walls(scene: Scene, outline: list[Boundary]) -> dict[str, Any]:
-    """Return the macros of the script by name: arrays with a value for each label of a moving wall; nothing without."""
+    """Return the macros of the moving walls by name, and their speed as a formula; nothing without any."""
     names = [side.moving for side in outline if side.moving]
     if not names:
         return {"moving": {}}
-
-    def variables(key: str) -> list[str]:
-        words = "".join(word.capitalize() for word in key.split("_"))
-        return [f"walls{name.capitalize()}{words}" for name in names]
-
-    values = {"wall" + "".join(word.capitalize() for word in key.split("_")): variables(key) for key in _NUMBERS}
+    values = {f"wall{_camel(key)}": _variables("walls", names, key) for key in _WALL}
     if scene.time:
         waves = [scene.walls[name].expression for name in names]
         values["wallFactors"] = [f"Ramp(at)*({wave.to_freefem()})" if wave else "InflowFactor(at)" for wave in waves]
-    speeds = [f"abs({x})" for key in _NUMBERS[:2] for x in variables(key)]
-    speeds += [f"abs({x})*unitLength" for x in variables("rotation")]
-    macros = {name: f"[{', '.join(texts)}]" for name, texts in values.items()}
-    return {"moving": macros, "speed_of_walls": " + ".join(speeds)}
+    speeds = [f"abs({x})" for key in _WALL[:2] for x in _variables("walls", names, key)]
+    speeds += [f"abs({x})*unitLength" for x in _variables("walls", names, "rotation")]
+    return {"moving": _arrays(values), "speed_of_walls": " + ".join(speeds)}
+
+
+def named_loads(scene: Scene, outline: list[Boundary]) -> dict[str, Any]:
+    """Return the macros of the loads by name, and which of their pressures follow the surface; nothing without any."""
+    names = [side.load for side in outline if side.load]
+    if not names:
+        return {"loads": {}}
+    values = {f"load{_camel(key)}": _variables("loads", names, key) for key in _LOAD}
+    if scene.time:
+        values["loadWaveforms"] = [f"({scene.loads[name].expression.to_freefem()})" for name in names]
+    return {"loads": _arrays(values), "load_follows": [scene.loads[name].following for name in names]}
+
+
+def _camel(key: str) -> str:
+    return "".join(word.capitalize() for word in key.split("_"))
+
+
+def _variables(table: str, names: Sequence[str], key: str) -> list[str]:
+    """Return the script's variables of a key of several tables."""
+    return [f"{table}{_camel(name)}{_camel(key)}" for name in names]
+
+
+def _arrays(values: dict[str, list[str]]) -> dict[str, str]:
+    return {name: f"[{', '.join(texts)}]" for name, texts in values.items()}

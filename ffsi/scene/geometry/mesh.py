@@ -14,7 +14,7 @@ from pydantic import Field, PlainSerializer, PrivateAttr, ValidationInfo, field_
 
 from ffsi.files.arrays import Floats
 from ffsi.scene.base import Table, refuse
-from ffsi.scene.boundaries import MOVING, OUTLET, PARTS, Boundary, Inlet
+from ffsi.scene.boundaries import LOADS, MOVING, OUTLET, PARTS, Boundary, Inlet
 from ffsi.scene.errors import Problem, SceneError, join, names, number_text, short
 from ffsi.scene.geometry.base import ChannelGeometry, Physics
 from ffsi.scene.units import Checked, Coordinate, to_si
@@ -109,6 +109,11 @@ class MeshGeometry(ChannelGeometry):
         description="walls that move along themselves, by name: the scene's table `walls` says how; a name in "
         "`boundaries.walls` that has a table there is moved here",
     )
+    loads: dict[str, GroupNames] = Field(
+        default_factory=dict,
+        description="boundaries of the solids with a load, by name: the scene's table `loads` says which; a name in "
+        "`boundaries.loaded` that has a table there is moved here",
+    )
     tip: Point | None = Field(
         None,
         description="point of tip_ux and tip_uy, m; without it the vertex of the solids farthest from what is held",
@@ -132,7 +137,7 @@ class MeshGeometry(ChannelGeometry):
             refuse([Problem("", f'{error}; accepted: a unit of length such as "mm"', short(unit))])
         return unit
 
-    @field_validator("regions", "parts", "probes", "moving")
+    @field_validator("regions", "parts", "probes", "moving", "loads")
     @classmethod
     def _plain_names(cls, table: dict[str, Any], info: ValidationInfo) -> dict[str, Any]:
         accepted = "a small letter, then small letters and digits, at most 30 in all"
@@ -166,8 +171,9 @@ class MeshGeometry(ChannelGeometry):
             given = getattr(self.boundaries, key) is not None
             if "fluid" in self.regions and not given:
                 yield Problem(f"boundaries.{key}", f"missing; {MeshBoundaries.model_fields[key].description}")
-        if len(self.moving) > PARTS - MOVING:
-            yield Problem("moving", f"accepted: at most {PARTS - MOVING}", str(len(self.moving)))
+        for key, most in (("moving", PARTS - MOVING), ("loads", MOVING - LOADS)):
+            if len(getattr(self, key)) > most:
+                yield Problem(key, f"accepted: at most {most}", str(len(getattr(self, key))))
         for key in ("inlet", "outlet", "walls", "slip"):
             if "fluid" not in self.regions and getattr(self.boundaries, key) is not None:
                 yield Problem(f"boundaries.{key}", 'only accepted where geometry.regions has a "fluid"')
@@ -193,6 +199,7 @@ class MeshGeometry(ChannelGeometry):
             tuple((key, wanted) for key, wanted in boundaries.items() if wanted is not None),
             tuple(self.parts.items()),
             tuple(self.moving.items()),
+            tuple(self.loads.items()),
         )
 
     def __eq__(self, other: object) -> bool:
@@ -224,7 +231,7 @@ class MeshGeometry(ChannelGeometry):
         naming = _meshes().stored_naming(self._mesh, self._naming)
         boundaries = MeshBoundaries(**dict(naming.boundaries))
         changes = {"regions": dict(naming.regions), "boundaries": boundaries, "parts": dict(naming.parts)}
-        changes["moving"] = dict(naming.moving)
+        changes |= {"moving": dict(naming.moving), "loads": dict(naming.loads)}
         return self.model_copy(update={"file": STORED, "unit": "m", **changes})
 
     @property

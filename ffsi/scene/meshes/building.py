@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from ffsi.files.arrays import Floats, Ints
-from ffsi.scene.boundaries import CLAMPED, INLET, MOVING, SLIP_X, SLIP_Y, SUPPORTED, SURFACE, Boundary, Inlet
+from ffsi.scene.boundaries import CLAMPED, INLET, LOADS, MOVING, SLIP_X, SLIP_Y, SUPPORTED, SURFACE, Boundary, Inlet
 from ffsi.scene.errors import Problem, SceneError, count, fault, names, place, short
 from ffsi.scene.meshes import topology as checks
 from ffsi.scene.meshes.curves import FLUID, ROLES, Curves, Naming, Part, chosen_groups
@@ -158,6 +158,9 @@ def _boundary(label: int, parts: dict[int, Part], naming: Naming, length: float)
     if MOVING <= label < MOVING + len(naming.moving):
         name = naming.moving[label - MOVING][0]
         return Boundary(name, label, "no-slip", length, moving=name)
+    if LOADS <= label < LOADS + len(naming.loads):
+        name = naming.loads[label - LOADS][0]
+        return Boundary(name, label, "loaded", length, load=name)
     if label in SLIP:
         return Boundary(SLIP[label], label, "slip", length)
     if label == SURFACE:
@@ -296,7 +299,8 @@ def stored_naming(mesh: DomainMesh, naming: Naming) -> Naming:
         key: tuple(
             str(e.label)
             for e in mesh.boundaries
-            if not e.moving and (e.label == meant.label or ((e.part or e.role == "slip") and e.role == meant.role))
+            if not (e.moving or e.load)
+            and (e.label == meant.label or ((e.part or e.role == "slip") and e.role == meant.role))
         )
         for key, meant in ROLES.items()
         if key != "slip"  # which is a symmetry
@@ -306,4 +310,5 @@ def stored_naming(mesh: DomainMesh, naming: Naming) -> Naming:
         tuple((key, found) for key, found in labels.items() if found),
         tuple((edges.part, (str(edges.label),)) for edges in mesh.boundaries if edges.part),
         tuple((name, tuple(str(e.label) for e in mesh.boundaries if e.moving == name)) for name, _ in naming.moving),
+        tuple((name, tuple(str(e.label) for e in mesh.boundaries if e.load == name)) for name, _ in naming.loads),
     )

@@ -12,6 +12,7 @@ from ffsi.scene.boundaries import (
     CLAMPED,
     INLET,
     LOADED,
+    LOADS,
     MOVING,
     OUTER,
     OUTLET,
@@ -64,12 +65,13 @@ class Part(NamedTuple):
 
 
 class Naming(NamedTuple):
-    """What "fluid" and each solid, key of `ROLES`, part and moving wall have in the file, in the scene's order."""
+    """What "fluid", each solid, key of `ROLES`, part, moving wall and load have in the file, in the scene's order."""
 
     regions: tuple[tuple[str, Names], ...]
     boundaries: tuple[tuple[str, Names], ...]
     parts: tuple[tuple[str, Names], ...]
     moving: tuple[tuple[str, Names], ...] = ()
+    loads: tuple[tuple[str, Names], ...] = ()
 
     @property
     def numbers(self) -> dict[str, int]:
@@ -134,6 +136,8 @@ class Curves:
         roles = [(f"boundaries.{key}", ROLES[key], wanted) for key, wanted in naming.boundaries]
         for number, (name, wanted) in enumerate(naming.moving, start=MOVING):
             roles.append((f"moving.{name}", ROLES["walls"]._replace(label=number), wanted))
+        for number, (name, wanted) in enumerate(naming.loads, start=LOADS):
+            roles.append((f"loads.{name}", ROLES["loaded"]._replace(label=number), wanted))
         for key, role, wanted in roles:
             for name, group in chosen_groups(wanted, self.groups, key, "boundary", problems):
                 edges = self._edges(group, key)

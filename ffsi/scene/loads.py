@@ -1,0 +1,65 @@
+"""Loads on boundaries of solids."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+from pydantic import Field, StrictBool, field_validator
+
+from ffsi.scene.base import Table
+from ffsi.scene.boundaries import Boundary
+from ffsi.scene.errors import Problem, names, nearest, short
+from ffsi.scene.expressions import Expression
+from ffsi.scene.geometry import GeometryBase, MeshGeometry
+from ffsi.scene.time import Time
+from ffsi.scene.units import Stress
+from ffsi.scene.walls import TIME, readable
+
+
+class Load(Table):
+    """Traction and pressure on a boundary of a solid, in time times the waveform."""
+
+    traction_x: Stress = Field(0.0, description="x component of the dead traction, per reference length, Pa")
+    traction_y: Stress = Field(0.0, description="y component of the dead traction, per reference length, Pa")
+    pressure: Stress = Field(0.0, description="pressure on the boundary, against its outward normal, Pa")
+    following: StrictBool = Field(
+        True,
+        description="whether the pressure follows the surface, its normal and its length (true or false)",
+    )
+    waveform: str | None = Field(
+        None, description="dimensionless formula in t (s), a factor on the load, 1 if absent; needs a table time"
+    )
+
+    _readable = field_validator("waveform")(readable)
+
+    @property
+    def expression(self) -> Expression:
+        """The waveform as a formula in t (s), dimensionless."""
+        return Expression.parse("1" if self.waveform is None else self.waveform, TIME)
+
+
+def load_problems(
+    loads: Mapping[str, Load], geometry: GeometryBase, outline: list[Boundary], time: Time | None, supported: bool
+) -> Iterator[Problem]:
+    """Yield what is wrong with the loads of a scene; keys are those of the scene."""
+    own = isinstance(geometry, MeshGeometry)
+    able = [side.name for side in outline if side.role == "free" and not (supported and side.outer)]
+    known = list(geometry.loads) if isinstance(geometry, MeshGeometry) else able
+    hint = " (geometry.boundaries.loaded or geometry.loads)" if own else ""
+    for name, load in loads.items():
+        if name not in known:
+            accepted = f"accepted: {names(known)}" if known else "the scene has none"
+            text = f"no boundary of a solid that can be loaded{hint}; {accepted}"
+            yield Problem(f"loads.{name}", text, None, nearest(name, known))
+        elif load.waveform is not None and time is None:
+            text = "only accepted in a scene with a table time (time.step and time.end)"
+            yield Problem(f"loads.{name}.waveform", text, short(load.waveform))
+        elif time is not None:
+            t = np.linspace(0.0, time.end, 2001)
+            if (bad := t[~np.isfinite(load.expression.evaluate(t=t))]).size:
+                text = f"not finite at t = {bad[0]:.4g} s; accepted: a formula that is defined for t from 0 to time.end"
+                yield Problem(f"loads.{name}.waveform", text, short(load.waveform))
+    for name in known if own else ():
+        if name not in loads:
+            yield Problem(f"loads.{name}", "missing; geometry.loads names a boundary with a load")
