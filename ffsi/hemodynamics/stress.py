@@ -19,7 +19,7 @@ _PIECES = 20  # of an edge, in which the end of a zone is looked for
 
 
 def cauchy_stress(law: Elastic, gradient: Floats, pressure: Floats | None = None) -> Floats:
-    """Return the Cauchy stress (n, 3, 3) in Pa of a solid in plane strain; NaN where J <= 0.
+    """Return the Cauchy stress (n, 3, 3) in Pa of a solid, in plane stress per reference thickness; NaN where J <= 0.
 
     It is that of the checker's material, from grad u (n, 2, 2) and the pressure (n,) Pa of a mixed solid: P F^T / J,
     F = diag(I + grad u, 1), and across the plane the derivative of its energy. Raises ValueError if the checker does
@@ -32,7 +32,8 @@ def cauchy_stress(law: Elastic, gradient: Floats, pressure: Floats | None = None
         first_piola, energy = material.base_stress, material.base_energy
     stress = np.zeros((len(gradient), 3, 3))
     stress[:, :2, :2] = first_piola(gradient) @ transpose(IDENTITY + gradient)
-    stress[:, 2, 2] = stress_across(energy, gradient)
+    if getattr(law, "plane", "strain") == "strain":
+        stress[:, 2, 2] = stress_across(energy, gradient)
     stress /= 1.0 + np.real(dilatation(gradient))[:, None, None]
     if pressure is not None:
         stress -= pressure[:, None, None] * np.eye(3)

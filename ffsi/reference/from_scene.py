@@ -23,9 +23,17 @@ _REST = 1e-12
 # Number of the first steps that damp a jump.
 _DAMPED_STEPS = 2
 
+
+def _in_plane(solid: Any) -> tuple[float, float]:
+    """Constants (lambda, mu) that tie stress and strain in the plane, of a plate those without stress across it."""
+    young, nu = solid.young_poisson
+    return (young * nu / (1.0 - nu**2), young / (2.0 + 2.0 * nu)) if solid.plane == "stress" else solid.lame
+
+
 # The law of each material of a scene, from the scene's solid: a new material has its entry here.
 MATERIALS: dict[str, Callable[[Any], materials.Material]] = {
-    "st-venant-kirchhoff": lambda solid: materials.StVenantKirchhoff(*solid.lame),
+    "st-venant-kirchhoff": lambda solid: materials.StVenantKirchhoff(*_in_plane(solid)),
+    "linear-elastic": lambda solid: materials.LinearElastic(*_in_plane(solid)),
     "neo-hookean": lambda solid: materials.NeoHookean(*solid.lame),
     "mooney-rivlin": lambda solid: materials.MooneyRivlin(
         solid.c10, solid.c01, math.inf if solid.bulk_modulus is None else solid.bulk_modulus

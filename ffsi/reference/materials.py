@@ -191,6 +191,29 @@ class StVenantKirchhoff(Material):
 
 
 @dataclass(frozen=True)
+class LinearElastic(Material):
+    """Linear elastic solid of small strains, W = lambda/2 (div u)^2 + mu e : e, e the symmetric part of grad u."""
+
+    lame_lambda: float
+    lame_mu: float
+
+    def energy(self, gradient: Array) -> Array:
+        """Strain energy: e : e is half of H : H + H : H^T of the displacement gradient H."""
+        symmetric = double_dot(gradient, gradient) + double_dot(gradient, transpose(gradient))
+        return np.asarray(0.5 * self.lame_lambda * trace(gradient) ** 2 + 0.5 * self.lame_mu * symmetric)
+
+    def first_piola(self, gradient: Array) -> Array:
+        """Stress, which is symmetric."""
+        volume = self.lame_lambda * trace(gradient)[..., None, None] * IDENTITY
+        return np.asarray(volume + self.lame_mu * (gradient + transpose(gradient)))
+
+    @property
+    def stiffness(self) -> float:
+        """Return lambda + 2 mu."""
+        return self.lame_lambda + 2.0 * self.lame_mu
+
+
+@dataclass(frozen=True)
 class NeoHookean(SplitMaterial):
     """Neo-Hookean solid in plane strain, W_0 = mu/2 (I1 - 3 - 2 ln J), kappa = lambda, U = (ln J)^2 / 2.
 

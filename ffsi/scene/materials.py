@@ -160,10 +160,24 @@ def pair_problems(given: Sequence[str]) -> list[Problem]:
     return [Problem(given[-1], f"given beside {' and '.join(given[:-1])}; {accepted}")]
 
 
-class StVenantKirchhoff(CompressibleElastic):
-    """St. Venant-Kirchhoff solid: S = lambda tr(E) I + 2 mu E, plane strain."""
+class InPlane(CompressibleElastic):
+    """A solid in plane strain or, per reference thickness, in plane stress."""
+
+    plane: Literal["strain", "stress"] = Field(
+        "strain", description='"strain" (no stretch across the plane) or "stress" (a thin plate: no stress across it)'
+    )
+
+
+class StVenantKirchhoff(InPlane):
+    """St. Venant-Kirchhoff solid: S = lambda tr(E) I + 2 mu E."""
 
     material: Literal["st-venant-kirchhoff"] = Field(description='material law: "st-venant-kirchhoff"')
+
+
+class LinearElastic(InPlane):
+    """Linear elastic solid of small strains: P = lambda tr(e) I + 2 mu e, e = (grad u + (grad u)^T)/2."""
+
+    material: Literal["linear-elastic"] = Field(description='material law: "linear-elastic"')
 
 
 class NeoHookean(WithFormulation, CompressibleElastic):
@@ -263,7 +277,7 @@ def _not_incompressible(key: str, value: float, reason: str) -> Problem:
     return Problem(key, text, short(value) if key == "poisson_ratio" else f"{short(value)} Pa")
 
 
-Solid = Annotated[StVenantKirchhoff | NeoHookean | MooneyRivlin, Field(discriminator="material")]
+Solid = Annotated[StVenantKirchhoff | LinearElastic | NeoHookean | MooneyRivlin, Field(discriminator="material")]
 MATERIALS: dict[str, type[Elastic]] = {
     name: law for law in get_args(get_args(Solid)[0]) for name in get_args(law.model_fields["material"].annotation)
 }

@@ -19,7 +19,7 @@ from ffsi.scene.boundaries import SLIP_X, SLIP_Y, STRUTS
 from ffsi.scene.flow import WOMERSLEY
 from ffsi.scene.geometry import Aneurysm, ChannelGeometry
 from ffsi.scene.geometry.mesh import STORED
-from ffsi.scene.materials import CompressibleElastic, Elastic, Solid
+from ffsi.scene.materials import CompressibleElastic, Elastic, InPlane, Solid
 from ffsi.scene.units import Quantity
 from ffsi.scene.validation import of_field
 from ffsi.script import flux_tables
@@ -367,9 +367,11 @@ def _constants(prefix: str, law: Elastic) -> dict[str, str]:
         given = law.given_constants
         if law.incompressible:
             return {"lame_lambda": "0.", "lame_mu": mu if "lame_mu" in given else f"{young}/3"}
-        if "young_modulus" in given:
-            return {"lame_lambda": f"{young}*{nu}/((1+{nu})*(1-2*{nu}))", "lame_mu": f"{young}/(2*(1+{nu}))"}
         lame_lambda = f"2*{mu}*{nu}/(1-2*{nu})" if "poisson_ratio" in given else f"{prefix}LameLambda"
+        if "young_modulus" in given:
+            lame_lambda, mu = f"{young}*{nu}/((1+{nu})*(1-2*{nu}))", f"{young}/(2*(1+{nu}))"
+        if isinstance(law, InPlane) and law.plane == "stress":
+            lame_lambda = f"2*({lame_lambda})*({mu})/({lame_lambda}+2*({mu}))"
         return {"lame_lambda": lame_lambda, "lame_mu": mu}
     keys = [key for key in type(law).model_fields if key not in ("density", "material", "formulation")]
     return {

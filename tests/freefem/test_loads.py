@@ -80,6 +80,15 @@ def block(folder, *, time: bool, **load) -> Scene:
     return scene_on(path, held, {"rubber": "rubber"}, solid={"rubber": law}, loads={"inside": load}, **steps)
 
 
+@pytest.mark.parametrize("plane", ["strain", "stress"])
+def test_a_linear_solid_goes_in_time(plane, tmp_path):
+    law = {"material": "linear-elastic", "density": 3.0, "young_modulus": 40.0, "poisson_ratio": 0.3, "plane": plane}
+    scene = block(tmp_path, time=True, traction_y=0.1, waveform="sin(9*t)")
+    result = solve(with_values(scene, {"solid.rubber": law}), tmp_path / "run")
+    assert result.checked
+    assert np.abs(displacement(result)).max() > 1e-3
+
+
 def displacement(result):
     return read_state(result.directory / "point-0001.bin", read_mesh(result.directory / "mesh.bin")).u
 
@@ -109,6 +118,34 @@ def test_the_work_of_a_load_is_what_the_solid_has(tmp_path):
     scene = block(tmp_path, time=True, pressure=-2, waveform="sin(9*t)")
     last = solve(with_values(scene, {"time.scheme": "crank-nicolson"}), tmp_path / "run").history.iloc[-1]
     assert last["kinetic"] + last["elastic"] == pytest.approx(last["work"], rel=1e-6)
+
+
+YOUNG, NU, PULL = 40.0, 0.3, 6.0
+
+
+@pytest.mark.parametrize("plane", ["strain", "stress"])
+@pytest.mark.parametrize("material", ["linear-elastic", "st-venant-kirchhoff"])
+def test_a_plate_that_is_pulled(material, plane, tmp_path):
+    """Uniform stretches of a plate, held at lines of symmetry and pulled at its right side, in closed form."""
+    grid = np.linspace(0, 1, 5)
+    sides = {(0.0, "x"): 1, (0.0, "y"): 2, (1.0, "x"): 3}
+    mesh = structured_mesh(grid, grid, lambda x, y: 2, lambda x, y: sides.get((x, "x")) or sides.get((y, "y"), 4))
+    path = write_mesh(tmp_path / "plate.msh", mesh, {"rubber": 2}, SIDES)
+    law = {"material": material, "density": 3.0, "young_modulus": YOUNG, "poisson_ratio": NU, "plane": plane}
+    load = {"inside": {"traction_x": PULL}}
+    scene = scene_on(
+        path, {"symmetry": ["x", "y"], "loaded": "inside"}, {"rubber": "rubber"}, solid={"rubber": law}, loads=load
+    )
+    result = solve(scene, tmp_path / "run")
+    assert result.checked
+    young, nu = (YOUNG, NU) if plane == "stress" else (YOUNG / (1 - NU**2), NU / (1 - NU))
+    if material == "linear-elastic":
+        along, across = PULL / young, -nu * PULL / young
+    else:  # F E (F^2 - 1)/2 = P
+        stretch = np.roots([1, 0, -1, -2 * PULL / young]).real.max()
+        along, across = stretch - 1, np.sqrt(1 - nu * (stretch**2 - 1)) - 1
+    x = read_mesh(tmp_path / "run/mesh.bin").p2_coordinates
+    np.testing.assert_allclose(displacement(result), x * [along, across], rtol=0, atol=1e-9)
 
 
 # A wrong sign does not pass.

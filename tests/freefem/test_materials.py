@@ -22,6 +22,7 @@ from ffsi.script.render import parameters, render
 # Cook's membrane with a moderate Poisson's ratio, 0.35 or near it, where both forms work.
 COMPRESSIBLE = {
     "st-venant-kirchhoff": {"young_modulus": 200.0, "poisson_ratio": 0.35},
+    "linear-elastic": {"young_modulus": 200.0, "poisson_ratio": 0.35},
     "neo-hookean": {"young_modulus": 200.0, "poisson_ratio": 0.35},
     "mooney-rivlin": {"c10": 25.0, "c01": 12.0, "bulk_modulus": 222.0},
 }
@@ -176,11 +177,20 @@ def test_equation_of_the_volume_is_that_of_the_checker(fluxes):
     close(-fluxes.flux["deformed"][:, 4], expected, 1e-13)
 
 
+@pytest.fixture
+def objective(fluxes):
+    if fluxes.solid.material == "linear-elastic":
+        pytest.skip("a law of small rotations")
+    return fluxes
+
+
+@pytest.mark.usefixtures("objective")
 def test_stress_does_not_depend_on_the_frame(fluxes):
     close(fluxes.stress("turned"), rotations(ANGLES) @ fluxes.stress("deformed"), 1e-12)
     np.testing.assert_allclose(fluxes.flux["turned"][:, 4:], fluxes.flux["deformed"][:, 4:], rtol=0, atol=1e-13)
 
 
+@pytest.mark.usefixtures("objective")
 def test_rest_and_rotation_are_free_of_stress(fluxes):
     modulus = fluxes.solid.young_poisson[0]
     np.testing.assert_allclose(fluxes.flux["rest"], 0.0, atol=1e-15 * modulus)
@@ -247,6 +257,9 @@ def test_membrane_is_checked(membrane):
 
 def test_membrane_converges_quadratically(membrane):
     assert (membrane.history["factorized"].iloc[:-1] == 1).all()
+    if membrane.scene.solid["membrane"].material == "linear-elastic":
+        assert len(membrane.history) <= 3  # one correction, and its rounding
+        return
     assert_quadratic(membrane.history)
 
 

@@ -30,14 +30,14 @@ OVERRIDES = [
         "solid.flap.material=neo-hooke",
         [
             'solid.flap.material = "neo-hooke":',
-            '"st-venant-kirchhoff", "neo-hookean", "mooney-rivlin"',
+            '"st-venant-kirchhoff", "linear-elastic", "neo-hookean", "mooney-rivlin"',
             'mean "neo-hookean"',
         ],
     ),
     (
         "flap-mooney-rivlin",
         "solid.flap.material=rubber",
-        ['solid.flap.material = "rubber":', '"st-venant-kirchhoff", "neo-hookean", "mooney-rivlin"'],
+        ['solid.flap.material = "rubber":', '"st-venant-kirchhoff", "linear-elastic", "neo-hookean", "mooney-rivlin"'],
     ),
     ("flap-svk", "solid.flap.material=[1]", ["solid.flap.material = a list of 1:", '"mooney-rivlin"']),
     ("flap-svk", "mesh_motion.kind=harmonik", ["mesh_motion.kind =", 'mean "harmonic"']),
