@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from ffsi.report.study import Study
     from ffsi.run.direct import load_result
     from ffsi.run.one_scene import resume, solve
+    from ffsi.run.sensitivities import sensitivities
     from ffsi.run.sweep import sweep
     from ffsi.scene import CASES, Scene, SceneError, load_scene, with_values
 
@@ -39,6 +40,7 @@ __all__ = [
     "load_result",
     "load_scene",
     "resume",
+    "sensitivities",
     "solve",
     "sweep",
     "with_values",
@@ -52,6 +54,7 @@ _HOMES = {
     "FreeFEMError": "ffsi.freefem",
     "InputError": "ffsi.files.errors",
     "Study": "ffsi.report.study",
+    "sensitivities": "ffsi.run.sensitivities",
     "sweep": "ffsi.run.sweep",
 }
 

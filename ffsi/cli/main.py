@@ -153,6 +153,35 @@ def run(
 
 
 @app.command()
+def sensitivities(
+    case: Case,
+    of: Annotated[str, typer.Option("--of", metavar="A,B", help="Quantities.", show_default="all")] = "",
+    to: Annotated[str, typer.Option("--to", metavar="KEY,KEY", help="Numbers of the scene.", show_default="all")] = "",
+    settings: Settings = [],  # noqa: B006
+    out: Annotated[Path | None, typer.Option("--out", help="The run folder.", show_default="none is kept")] = None,
+    json: AsJson = False,
+) -> None:
+    """Derivatives of the quantities of a steady case by its numbers, absolute in SI and logarithmic, p/J dJ/dp."""
+    from ffsi.run.one_scene import solve
+    from ffsi.run.sensitivities import sensitivities as table_of
+
+    scene = load_scene(case, settings)
+    if out is not None:
+        folder.check_usable(out)
+    with show.progress(scene.name) as on_event:
+        result = solve(scene, out, on_event=on_event, sensitivities=True)
+    if result.converged:
+        names, keys = ([name for name in text.split(",") if name] for text in (of, to))
+        tables = [table_of(result, names, keys, logarithmic=logarithmic) for logarithmic in (False, True)]
+        if json:
+            parts = zip(("derivative", "logarithmic"), tables, strict=True)
+            sys.stdout.write(folder.to_json({part: table.to_dict("index") for part, table in parts}))
+        else:
+            show.sensitivities(*tables)
+    _finish([result], result.directory)
+
+
+@app.command()
 def animate(
     directory: Annotated[Path, typer.Argument(metavar="DIR", help="The folder of a run in time.", show_default=False)],
     field: Annotated[

@@ -256,6 +256,20 @@ def checks(reports: Sequence[tuple[Result, CheckReport]]) -> None:
     stdout().print(table)
 
 
+def sensitivities(slopes: pd.DataFrame, logarithmic: pd.DataFrame) -> None:
+    """Print derivatives: one line per quantity and parameter, the largest logarithmic one first."""
+    from ffsi.result.quantities import unit
+
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for column in ("quantity", "by", "dJ/dp (SI)", "p/J dJ/dp"):
+        table.add_column(column, justify="right" if "dJ" in column else "left")
+    for name in map(str, slopes):
+        for key in logarithmic[name].abs().sort_values(ascending=False).index:
+            cells = [f"{name} ({unit(name)})", key, f"{slopes[name][key]:.6g}"]
+            table.add_row(*map(text, cells), _cell(logarithmic[name][key], "{:+.5f}"))
+    stdout().print(table)
+
+
 def check_rows(reports: Sequence[tuple[Result, CheckReport]]) -> list[dict[str, Any]]:
     """Return what the checker found, one dictionary per point."""
     from ffsi.result.quantities import CHECKED

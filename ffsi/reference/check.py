@@ -20,6 +20,7 @@ from ffsi.reference.ordinary import ALLOWED, LARGEST, Corrector
 from ffsi.reference.quantities import Quantity, at_outlet, compare, energies, recompute
 from ffsi.reference.relative import largest, relative
 from ffsi.reference.residual import compute_residual
+from ffsi.reference.sensitivities import derivatives, flattened
 from ffsi.reference.slip import across
 from ffsi.reference.step import Step
 from ffsi.reference.system import Mask, System
@@ -29,7 +30,9 @@ from ffsi.scene import Scene
 TOLERANCE = 1e-8
 Shown = Callable[[Scene, RawMesh, RawState], tuple[Ints, Floats]]
 """What is shown to people of the stress on the walls: nodes in the middle of their edges, and (n, 2) Pa there."""
-QUANTITIES, STEP_ERROR = "quantities_difference", "step_error"
+QUANTITIES, STEP_ERROR, SLOPES = "quantities_difference", "step_error", "sensitivities_difference"
+# Derivatives of a slender solid lose to its conditioning what their quantities do not.
+ALLOWED_OF_SLOPES = 1e-6
 _SAME = 1e-9
 # Residuals of an ordinary step that say nothing: large, where a solid is stiff. The others are linear, and exact.
 _INEXACT = {"momentum", "continuity", "incompressibility"}
@@ -50,6 +53,7 @@ _WORDS = {
     "coefficient_difference": "relative difference between reported and recomputed force coefficients",
     "outlet_difference": "relative difference between reported and recomputed flow rate or pressure at the outlet",
     "wall_difference": "relative difference between reported and recomputed shear stress on the walls",
+    SLOPES: "largest relative difference between a reported and a recomputed sensitivity",
     STEP_ERROR: "error of an ordinary step, relative to its tolerance,",
     QUANTITIES: "largest relative difference between a reported and a recomputed quantity",
 }
@@ -64,7 +68,8 @@ class CheckReport:
     ``momentum``, ``continuity``, ``kinematics``, ``mesh_motion``, ``incompressibility`` (volume of mixed solids):
     residuals as docs/theory.md scales them; the others in the words of a failure (``_WORDS``). ``outlet_difference``
     has the pressure of the reservoir behind the outlet, too, ``wall_difference`` the sums over cycles; ``step_error``
-    may be at most ``ordinary.ALLOWED``. ``min_jacobian``: smallest det F. ``forces``: the recomputed ones, both forms.
+    may be at most ``ordinary.ALLOWED``, ``sensitivities_difference`` ``ALLOWED_OF_SLOPES``.
+    ``min_jacobian``: smallest det F. ``forces``: the recomputed ones, both forms.
     ``failures``: one sentence for each number above ``tolerance``.
     Of several time steps every number is the worst, and the forces are those of the last one.
     """
@@ -81,6 +86,7 @@ class CheckReport:
     outlet_difference: float | None
     wall_difference: float | None
     quantities_difference: float | None
+    sensitivities_difference: float | None
     step_error: float | None
     min_jacobian: float
     tolerance: float
@@ -132,6 +138,11 @@ def check_run(
     found = _examine(system, state, outcome.get("quantities", {}), whole=True)
     if (shear := wall_shear(system, state)) is not None and shown is not None:
         found.numbers["wall_difference"] = shear.difference(*shown(scene, mesh, state))
+    slopes = directory / folder.numbered(folder.SENSITIVITIES, point)
+    if slopes.is_file() and 4 * mesh.n_p2 <= LARGEST:
+        reported = read_table(slopes)
+        worst = compare(derivatives(scene, mesh, state, reported), flattened(reported))
+        found.numbers[SLOPES], found.words[SLOPES] = worst.difference, worst.words
     return _report([found], tolerance)
 
 
@@ -299,7 +310,7 @@ def _failures(worst: Mapping[str, _Findings], inverted: _Findings, tolerance: fl
     failures = []
     forces: dict[str, Forces] = {}
     for name, found in worst.items():
-        allowed = ALLOWED if name == STEP_ERROR else tolerance
+        allowed = {STEP_ERROR: ALLOWED, SLOPES: ALLOWED_OF_SLOPES}.get(name, tolerance)
         if not (number := found.numbers[name]) <= allowed:
             more = f" ({found.words[name]})" if name in found.words else ""
             failures.append(f"{name}: the {_WORDS[name]} is {number:.2e}{found.place}{more}, allowed is {allowed:.0e}")

@@ -104,7 +104,7 @@ def jacobian(system: System, state: RawState) -> csc_array:
     from scipy.sparse import coo_array, diags_array
 
     source, given = _row_sources(system)
-    size, unknowns = len(source), _flat(state)
+    size, unknowns = len(source), flat(state)
     rows, columns, values = [], [], []
     for function, local, equations in _groups(system, state):
         matrices = _differentiate(function, unknowns[local])
@@ -136,9 +136,9 @@ def residual_vector(system: System, state: RawState, residual: Residual) -> Floa
     equations.append(np.real(momentum.kinematics(system, nodes, state.u, state.v)).ravel())
     source, given = _row_sources(system)
     # The prescribed v is zero in steady solids: there the kinematics is a deviation like the boundary conditions.
-    vector = np.where(given, _flat(state) - _flat(system.rows.prescribed), np.concatenate(equations)[source])
+    vector = np.where(given, flat(state) - flat(system.rows.prescribed), np.concatenate(equations)[source])
     sliding = _sliding(system)
-    return np.asarray(vector - sliding @ vector + sliding @ _flat(state))
+    return np.asarray(vector - sliding @ vector + sliding @ flat(state))
 
 
 def _sliding(system: System) -> csc_array:
@@ -290,7 +290,7 @@ def _kinematics_group(system: System, state: RawState) -> _Group:
     def function(local: Array) -> Array:
         return momentum.kinematics(system, nodes, local[:, :2], local[:, 2:])
 
-    return function, np.hstack([numbers, state.u.size + numbers]), _flat(state).size + numbers
+    return function, np.hstack([numbers, state.u.size + numbers]), flat(state).size + numbers
 
 
 def _differentiate(function: Callable[[Array], Array], unknowns: Floats) -> Floats:
@@ -334,7 +334,10 @@ class Factors:
 
     def correct(self, system: System, state: RawState, residual: Residual) -> RawState:
         """Return the Newton correction of a state with this residual, prescribed values exact."""
-        deviation = residual_vector(system, state, residual)
+        return self.solution(system, state, residual_vector(system, state, residual))
+
+    def solution(self, system: System, state: RawState, deviation: Floats) -> RawState:
+        """Return what takes ``deviation``, in the rows of ``residual_vector``, off the linear residual."""
         solution = -self.columns * self.factors.solve(self.rows * deviation)
         _, given = _row_sources(system)
         solution[given] = -deviation[given]  # without the rounding of the elimination
@@ -367,7 +370,8 @@ def _numbers(nodes: Ints) -> Ints:
     return (2 * nodes[:, :, None] + np.arange(2)).reshape(len(nodes), -1)
 
 
-def _flat(state: RawState) -> Floats:
+def flat(state: RawState) -> Floats:
+    """All unknowns in the order u, v, p, ps, (N,)."""
     return np.concatenate([values.ravel() for values in state.fields])
 
 

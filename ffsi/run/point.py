@@ -84,6 +84,8 @@ class Point:
         if state is not None and not failure:
             walls = attempt(notes, "walls", lambda: result.walls)
             data["quantities"] |= gather(notes, walls.evaluations) if walls is not None else {}
+        if not failure and (slopes := self._read(folder.numbered(folder.SENSITIVITIES, self.number))):
+            data["sensitivities"] = with_logarithms(slopes, data["quantities"], parameters)
         data |= attempt(notes, "regions and boundaries", lambda: result.domain) or {}
         if self.scene.time is not None:
             attempt(notes, "motion", lambda: in_time.complete(data, self.scene, self.directory))
@@ -243,6 +245,23 @@ def set_aside(data: dict[str, Any], raw: Mapping[str, Any]) -> None:
         found |= {"time": in_time["reached"]} | flatten(in_time["last"])
     data["reached"] = found | flatten(data["quantities"])
     data["quantities"] = {}
+    data.pop("sensitivities", None)
+
+
+def with_logarithms(
+    slopes: Mapping[str, Any], quantities: Mapping[str, Any], parameters: Mapping[str, Any]
+) -> dict[str, dict[str, dict[str, float | None]]]:
+    """Return derivatives by key and quantity, as a script writes them, by quantity and key, beside p/J dJ/dp.
+
+    That is None where J is 0.
+    """
+    found: dict[str, dict[str, dict[str, float | None]]] = {}
+    for key, of in slopes.items():
+        for name, slope in of.items():
+            value = quantities[name]
+            log = slope * parameters[key] / value if value else None
+            found.setdefault(name, {})[key] = {"derivative": slope, "logarithmic": log}
+    return found
 
 
 def seconds(value: float) -> float:

@@ -37,6 +37,10 @@ LONG = (
     "test_new_quantity.py::test_a_wrong_sign_is_caught",
     "test_remote.py",
     "test_rest_and_scales.py::test_a_pressure_of_any_height_behind_the_outlet_changes_no_velocity[windkessel-time1]",
+    *(
+        f"test_sensitivities.py::test_they_are_those_of_differences_of_solutions[{case}"
+        for case in ("aneurysm", "flap-m", "flap-neo", "turek-c", "cantilever")
+    ),
     "test_step_solvers.py::test_both_solvers_give_the_same_history[mixed]",
     "test_step_solvers.py::test_a_far_too_large_step_becomes_a_smaller_one",
     "test_step_solvers.py::test_a_far_too_strong_load_fails_with_the_last_good_state[inflow]",

@@ -185,6 +185,7 @@ class FakeCheck:
             "coefficient_difference": None,
             "outlet_difference": None,
             "wall_difference": None,
+            "sensitivities_difference": None,
             "quantities_difference": 1e-13,
         }
         return SimpleNamespace(**numbers, passed=not failures, failures=failures)

@@ -1,0 +1,68 @@
+"""Derivatives of the quantities of a steady scene by its parameters, as a table."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ffsi.files.arguments import path_of
+from ffsi.files.errors import InputError
+from ffsi.hemodynamics.result import Result
+from ffsi.run.one_scene import solve
+from ffsi.scene import Scene
+from ffsi.text import nearest
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+def sensitivities(
+    scene: Scene | str | Path | Result,
+    of: Sequence[str] = (),
+    to: Sequence[str] = (),
+    out: str | Path | None = None,
+    *,
+    logarithmic: bool = False,
+) -> pd.DataFrame:
+    """Return the derivatives of quantities by parameters at the steady state of a scene.
+
+    Args:
+        scene: a scene, the name of a case, the path of a TOML file; or a Result of `solve(..., sensitivities=True)`.
+        of: names of quantities that the script reports; all without any.
+        to: dotted keys of the scene's numbers that keep the mesh; all without any.
+        out: the run folder, as of `solve`.
+        logarithmic: p/J dJ/dp instead, without dimension; NaN where J is 0.
+
+    Returns:
+        Rows keys, columns quantities: dJ/dp in SI, all other numbers of the scene held.
+
+    Raises:
+        InputError: an unknown name, a scene in time, or a state that was not reached or not believed by the checker.
+        SceneError, FreeFEMNotFound, FreeFEMError: as `solve`.
+    """
+    import pandas as pd
+
+    if isinstance(scene, Result) and "sensitivities" in scene.data:
+        result = scene
+    else:
+        target = None if out is None else path_of(out, "out")
+        result = solve(scene.scene if isinstance(scene, Result) else scene, target, sensitivities=True)
+    if not result.converged:
+        raise InputError(f"no sensitivities: {result.reason}")
+    found = result.data["sensitivities"]
+    part = "logarithmic" if logarithmic else "derivative"
+    columns = _known(of, list(found), "quantity")
+    keys = list(next(iter(found.values())))
+    table = {name: {key: found[name][key][part] for key in _known(to, keys, "parameter")} for name in columns}
+    return pd.DataFrame(table, dtype=float)
+
+
+def _known(names: Sequence[str], accepted: Sequence[str], what: str) -> Sequence[str]:
+    names = [names] if isinstance(names, str) else list(names)
+    for name in names:
+        if name not in accepted:
+            guess = nearest(str(name), accepted)
+            more = f'; did you mean "{guess}"?' if guess else f"; accepted: {', '.join(accepted)}"
+            raise InputError(f"{name!r} is no {what} with sensitivities of this scene{more}")
+    return names or accepted
