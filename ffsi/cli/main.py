@@ -396,6 +396,8 @@ def report(
     from ffsi.run.direct import adopt
 
     check_output(output)
+    if output.suffix.lower() not in (".html", ".htm", ".md"):
+        raise InputError(f"-o {output}: accepted: a name that ends in .html or .md")
     for directory in directories:
         adopt(directory)
     write_report(directories, output, title, author)

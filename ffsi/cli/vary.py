@@ -40,7 +40,11 @@ def parse_vary(text: str, *, sampled: bool = False) -> tuple[str, list[Any]]:
         raise InputError(f"--vary {cut(key)}: more than {MAXIMUM_POINTS} values")
     if ":" in values and _NUMBER.fullmatch(values.partition(":")[0]):
         return key, _range(key, values, sampled)
-    return key, [_item(key, item) for item in values.split(",")]
+    items = [_item(key, item) for item in values.split(",")]
+    with_unit = [item for item in items if isinstance(item, str) and _NUMBER.fullmatch(item)]
+    if with_unit and any(isinstance(item, float | int) and not isinstance(item, bool) and item for item in items):
+        raise InputError(f"--vary {cut(key)}: {cut(values, 60)!r}: give each value its unit, such as 2 cm/s, 3 cm/s")
+    return key, items
 
 
 def parse_all(texts: Iterable[str], *, sampled: bool = False) -> dict[str, list[Any]]:
@@ -71,12 +75,12 @@ def read_points(path: Path) -> Any:
     try:
         text = read_text(path, LONGEST_TABLE)
         _check_cells(text)
-        table = pd.read_csv(io.StringIO(text), dtype=str, skipinitialspace=True, index_col=False)
+        table = pd.read_csv(io.StringIO(text), dtype=str, skipinitialspace=True, index_col=False, keep_default_na=False)
     except ValueError as error:
         raise InputError(f"{path} is no table of points: {error}") from error
     if table.empty:
         raise InputError(f"{path} holds no points: a first line with keys and a line for each point are needed")
-    return table.map(lambda cell: _item(str(path), cell) if isinstance(cell, str) else None)
+    return table.map(lambda cell: _item(str(path), cell) if isinstance(cell, str) and cell.strip() else None)
 
 
 def _check_cells(text: str) -> None:
@@ -87,6 +91,8 @@ def _check_cells(text: str) -> None:
     lines = csv.reader(io.StringIO(text), skipinitialspace=True)
     try:
         keys = [cell.strip() for cell in next((cells for cells in lines if cells), [])]
+        if "" in keys:
+            raise ValueError("its first line has a cell without a key")
         if twice := next((key for i, key in enumerate(keys) if key in keys[:i]), None):
             raise ValueError(f"the key {cut(twice)} comes twice")
         for cells in lines:
@@ -108,7 +114,7 @@ def read_study(path: Path) -> dict[str, Any] | None:
     from ffsi.scene.toml import parse_toml
 
     table = parse_toml(read_text(path, MEGABYTE), path.name)
-    if not {"vary", "points"} & set(table):
+    if not {"vary", "points", "scene"} & set(table):
         return None
     for key, value in table.items():
         if key not in STUDY_KEYS:
@@ -119,15 +125,15 @@ def read_study(path: Path) -> dict[str, Any] | None:
             raise InputError(f"{path}: {key} = {cut(repr(value), 60)}: accepted: {_TYPES[expected]}")
     if "scene" not in table:
         raise InputError(f"{path}: scene is missing: the name of a case, or the path of a scene's file")
-    if {"vary", "points"} <= set(table):
-        raise InputError(f"{path}: give either vary or points, not both")
+    if len({"vary", "points"} & set(table)) != 1:
+        raise InputError(f"{path}: give either vary or points{', not both' if 'vary' in table else ''}")
     if "vary" in table:
         sampled = "samples" in table
         table["vary"] = {
             key: parse_vary(f"{key}={values}", sampled=sampled)[1] if isinstance(values, str) else values
             for key, values in _flat(table["vary"]).items()
         }
-    table["set"] = _flat(table.get("set", {}))
+    table["set"] = {key: None if value == "none" else value for key, value in _flat(table.get("set", {})).items()}
     for key in ("scene", "points"):
         if key in table and (path.parent / table[key]).is_file():
             table[key] = str(path.parent / table[key])

@@ -28,6 +28,8 @@ def read_bytes(path: Path, at_most: int) -> bytes:
     """
     if "\0" in str(path):
         raise InputError(f"{path} is no name of a file")
+    if path.is_dir():
+        raise InputError(f"{path} is a folder, not a file")
     handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)  # of a pipe, do not wait for its writer
     with os.fdopen(handle, "rb") as file:
         status = os.fstat(handle)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numbers
 from collections.abc import Iterable
 from functools import cached_property
 from pathlib import Path
@@ -15,6 +16,7 @@ from ffsi.files.errors import InputError
 from ffsi.hemodynamics.result import Result, load_result
 from ffsi.result import study_definition
 from ffsi.result.table import frame, place
+from ffsi.text import cut
 
 if TYPE_CHECKING:
     import xarray
@@ -54,8 +56,8 @@ class Study:
         Raises:
             InputError: there is no such row.
         """
-        if not 0 <= row < len(self.table):
-            raise InputError(f"row {row}: accepted: 0 to {len(self.table) - 1}")
+        if isinstance(row, bool) or not isinstance(row, numbers.Integral) or not 0 <= row < len(self.table):
+            raise InputError(f"row {cut(repr(row), 40)}: accepted: 0 to {len(self.table) - 1}")
         at = self.table.iloc[row]
         return load_result(self.directory / at["folder"], int(at["point"]))
 
@@ -67,6 +69,9 @@ class Study:
         """
         from ffsi.report.curves import plot
 
+        for name, column in (("x", x), ("y", y), ("by", by)):
+            if not isinstance(column, str) and (name != "by" or column is not None):
+                raise InputError(f"{name} = {cut(repr(column), 40)}: accepted: the name of a column")
         return plot(self.table, x, y, by, self.table.attrs["units"])
 
     def to_xarray(self) -> xarray.Dataset:
@@ -96,6 +101,8 @@ class Study:
         from ffsi.result import pictures, vtu
 
         written: list[Path] = []
+        if isinstance(rows, str) or not isinstance(rows, Iterable):
+            raise InputError(f"rows = {cut(repr(rows), 40)}: accepted: several rows, such as [0, 3]")
         for row in rows:
             result = self.result(row)
             if result.state_file is None:

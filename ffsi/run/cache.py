@@ -87,7 +87,8 @@ class Cache:
                 _renumber(new, result.point)
             new.rename(place)
         except OSError as error:  # a full disk, or another study has kept it meanwhile
-            logger.warning("%s is not kept in the cache: %s", result.file, error)
+            if not place.exists():
+                logger.warning("%s is not kept in the cache: %s", result.file, error)
             if new is not None:
                 shutil.rmtree(new, ignore_errors=True)
 

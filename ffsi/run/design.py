@@ -61,6 +61,8 @@ def columns_of(
         table, design = _listed(vary), "zip"
     if not table or not all(table.values()):
         raise InputError("a sweep needs at least one varied key with at least one value")
+    if scene.time is None and (late := next((key for key in table if key.startswith("time.")), None)):
+        raise InputError(f"vary {cut(late)}: the scene is steady; give it a table time first (--set, with_values)")
     if sampled:
         table = _sample(table, design, count_of(samples, "samples"), _seed(seed))
     elif design == "zip" and len({len(values) for values in table.values()}) > 1:
@@ -72,6 +74,8 @@ def columns_of(
                 raise InputError(f"vary {key}: a value is missing (None or NaN)")
         _check_count([len(values) for values in table.values()])
     else:
+        if empty := next((key for key, values in table.items() if all(value is None for value in values)), None):
+            raise InputError(f"vary {cut(empty)}: no point has a value of it")
         _check_count([len(next(iter(table.values())))])
     canonical = {key: [_canonical(value, rules(key)) for value in values] for key, values in table.items()}
     if design == "product":
@@ -130,10 +134,13 @@ def _values(key: str, values: Any) -> list[Scalar | None]:
 
 
 def _value(key: str, value: Any) -> Any:
-    value = None if value is np.ma.masked else plain(value)
+    try:
+        value = None if value is np.ma.masked else plain(value)
+    except (ValueError, OverflowError):  # of a signalling NaN
+        raise InputError(f"vary {key} = {cut(repr(value), 60)}: accepted: a finite number") from None
     if value is None or value is pd.NA or value is pd.NaT or (isinstance(value, float) and math.isnan(value)):
         return None
-    if isinstance(value, str | bool | numbers.Real) or hasattr(value, "magnitude"):
+    if isinstance(value, str | bool | numbers.Real) or np.ndim(getattr(value, "magnitude", ())) == 0:
         return value
     raise InputError(f"vary {key} = {cut(repr(value), 60)}: accepted: a number, a text or a truth value")
 
@@ -168,7 +175,10 @@ def _canonical(value: Any, accepted: Sequence[Any]) -> Any:
             return rule(value) if value is not None else None
         except PydanticCustomError:
             continue
-    return float(value) if isinstance(value, numbers.Real) and not isinstance(value, int) else value
+    try:
+        return float(value) if isinstance(value, numbers.Real) and not isinstance(value, int) else value
+    except OverflowError:  # of a fraction
+        return math.inf
 
 
 def _seed(seed: Any) -> int:

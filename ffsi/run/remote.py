@@ -35,7 +35,8 @@ def executor_of(executor: Any, dask: Any) -> Executor | None:
         raise InputError("give either executor or dask, not both")
     if dask is not None:
         return _of_dask(dask)
-    if executor is not None and not (hasattr(executor, "submit") and hasattr(executor, "shutdown")):
+    usable = not isinstance(executor, type) and all(hasattr(executor, name) for name in ("submit", "shutdown"))
+    if executor is not None and not usable:
         raise InputError(f"executor = {executor!r}: accepted: a concurrent.futures.Executor")
     found: Executor | None = executor
     return found

@@ -297,7 +297,13 @@ def test_a_study_is_read_from_its_folder(tmp_path, freefem):
     assert grid["drag"].attrs["units"] == "N/m"
     assert {path.suffix for path in study.write_fields([0])} == {".vtu", ".png"}
     assert repr(study).endswith("all 4 points solved and checked")
-    for call in (lambda: study.result(4), lambda: study.plot(KEY, "drug")):
+    for call in (
+        lambda: study.result(4),
+        lambda: study.result("0"),
+        lambda: study.write_fields(0),
+        lambda: study.plot(KEY, "drug"),
+        lambda: study.plot(KEY, "drag", by=[KEY]),
+    ):
         with pytest.raises(InputError):
             call()
     with pytest.raises(InputError, match=r"holds no sweep$"):
