@@ -91,6 +91,7 @@ def run(
             show_default=False,
         ),
     ] = None,
+    error: Annotated[bool, typer.Option("--error", help="Steady: error bars of the quantities.")] = False,
     animate: Annotated[
         str | None,
         typer.Option("--animate", metavar="FIELD", help=f"In time: write FIELD.gif ({FIELDS}).", show_default=False),
@@ -130,6 +131,7 @@ def run(
                 threads=threads,
                 resume=resume is not None,
                 animate=animate,
+                error=error,
             )
     except (FreeFEMError, machine.MachineError) as error:
         if json:
@@ -276,6 +278,10 @@ def sweep(
     ] = None,
     json: AsJson = False,
     no_check: NoCheck = False,
+    error: Annotated[bool, typer.Option("--error", help="Steady: error bars in columns ..._error.")] = False,
+    derivatives: Annotated[
+        bool, typer.Option("--sensitivities", help="Steady: derivatives by the varied keys, in columns ..._by_KEY.")
+    ] = False,
 ) -> None:
     """Solve a case at many values of its parameters into one table, sweep.csv."""
     from ffsi.cli.vary import parse_all, read_points, read_study
@@ -312,8 +318,9 @@ def sweep(
     try:
         with machine.computing(out), show.progress(scene.name, count) as on_event:
             table = run_sweep(
-                scene, varied, out, **plan, jobs=jobs, dask=dask, cache=cache, check=not no_check, on_event=on_event
-            )
+                scene, varied, out, **plan, jobs=jobs, dask=dask, cache=cache, check=not no_check, on_event=on_event,
+                error=error, sensitivities=derivatives,
+            )  # fmt: skip
     except KeyboardInterrupt:
         show.note(f"interrupted; the same call goes on with what is missing in {out}")
         raise

@@ -140,13 +140,18 @@ def result(done: Result) -> None:
     when, values = done.shown_quantities
     if values:
         published = {} if when.startswith("at") else references_for(done.scene)
-        console.print(quantities(values, published, f"quantity {when}".strip()))
+        console.print(quantities(values, published, f"quantity {when}".strip(), data.get("errors") or {}))
     for line in summary(done):
         console.print(Text(printable(line)), soft_wrap=True)
 
 
-def quantities(values: Mapping[str, float], published: Mapping[str, Reference], heading: str = "quantity") -> Table:
-    """Return the table of (flattened) quantities, with published values and errors where there are any."""
+def quantities(
+    values: Mapping[str, float],
+    published: Mapping[str, Reference],
+    heading: str = "quantity",
+    errors: Mapping[str, Any] = {},
+) -> Table:
+    """Return the table of (flattened) quantities, with error bars, published values and differences from them."""
     from ffsi.result.quantities import published_value, unit
 
     table = Table(box=None, pad_edge=False, header_style="bold")
@@ -159,11 +164,21 @@ def quantities(values: Mapping[str, float], published: Mapping[str, Reference], 
     for name, value in values.items():
         if name.endswith(MINOR) and name not in published:
             continue
-        cells = [name, f"{value:.7g}", unit(name)]
+        bar = errors.get(name, {}).get("bar")
+        cells = [name, with_bar(value, bar) if bar else f"{value:.7g}", unit(name)]
         if (found := published_value(name, published)) is not None:
             cells += [f"{found[0]:.7g}", f"{100 * (value - found[0]) / abs(found[0]):+.3f} %"]
         table.add_row(*map(text, cells))
     return table
+
+
+def with_bar(value: float, bar: float) -> str:
+    """Return a value to the second digit of its error bar, "14.2943 +- 0.0031"."""
+    digits = min(max(1 - math.floor(math.log10(bar)), 0), 15)
+    if max(abs(value), bar) >= 1e-3 or value == 0:
+        return f"{value:.{digits}f} +- {bar:.{digits}f}"
+    power = math.floor(math.log10(max(abs(value), bar)))
+    return f"({value / 10**power:.{max(digits + power, 0)}f} +- {bar / 10**power:.{max(digits + power, 0)}f})e{power}"
 
 
 def summary(done: Result) -> list[str]:

@@ -28,6 +28,7 @@ SWEEP = "sweep.toml"
 POINT = "point.json"
 STATE = "point.bin"
 SENSITIVITIES = "sensitivities.json"
+ERRORS = "errors.json"
 FAILED = "failed.json"
 FAILED_STATE = "failed.bin"
 # Of a run in time.
@@ -54,7 +55,7 @@ _LONGEST_PATH, _LONGEST_NAME = 4000, 255
 
 _OURS = (
     *(*DEFINITION, LOG, RESULT, "result-*.json", HISTORY, MESH, FAILED, FAILED_STATE, *IN_TIME, STOP, SERIES, LOGS),
-    *("point-*.json", "point-*.bin", "sensitivities-*.json", WALL, "wall-????.csv", "fields*.vtu"),
+    *("point-*.json", "point-*.bin", "sensitivities-*.json", "errors-*.json", WALL, "wall-????.csv", "fields*.vtu"),
     *(f"{name}{ending}" for name in PICTURES for ending in ("*.png", ".gif")),
     ".*.part",  # what a kill left
 )
@@ -68,7 +69,8 @@ def numbered(name: str, point: int) -> str:
 
 def point_files(point: int, *, solved: bool) -> tuple[str, ...]:
     """Return the names of the files that the script writes of one point, or of its failure."""
-    return tuple(numbered(name, point) for name in (POINT, STATE, SENSITIVITIES)) if solved else (FAILED, FAILED_STATE)
+    of_solved = (POINT, STATE, SENSITIVITIES, ERRORS)
+    return tuple(numbered(name, point) for name in of_solved) if solved else (FAILED, FAILED_STATE)
 
 
 def is_run_folder(directory: Path) -> bool:

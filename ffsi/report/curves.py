@@ -172,6 +172,17 @@ def main_effects(table: pd.DataFrame, keys: Sequence[str], units: Mapping[str, s
     return figure
 
 
+def sensitivity_bars(logarithmic: Mapping[str, Mapping[str, float]]) -> Figure:
+    """Draw p/J dJ/dp of quantities by parameters as bars, one panel for each quantity."""
+    figure, grid = _grid(len(logarithmic))
+    for axes, (name, of) in zip(grid, logarithmic.items(), strict=False):
+        keys = sorted(of, key=lambda key: abs(of[key]))
+        axes.barh(keys, [of[key] for key in keys], color=LINES[0])
+        axes.axvline(0, color=INK, linewidth=0.8)
+        dress(axes, name, "p/J dJ/dp", "")
+    return figure
+
+
 def compare_sweeps(tables: Mapping[str, pd.DataFrame], along: str, panels: Sequence[Panel]) -> Figure | None:
     """Draw the same quantities of several sweeps, each panel with one line per sweep and a common legend below.
 
@@ -270,6 +281,11 @@ def _panel(
                 linestyle="--" if dashed and i else _STYLES[j % 3] if several else "-",
                 marker=MARKERS[number % MOST] if scale is None else "o",
             )  # fmt: skip
+            if f"{shown}_error" in solved:
+                bars = solved[f"{shown}_error"]
+                axes.errorbar(
+                    solved["_at"], solved[shown], bars, fmt="none", ecolor=colour, capsize=2.5, elinewidth=0.8
+                )
             ends = [f"{shown.rpartition('_')[0]}_{end}" for end in ("min", "max")]
             if shown.endswith(_PARTS[1:]) and set(ends) <= set(part):
                 axes.vlines(solved["_at"], solved[ends[0]], solved[ends[1]], color=colour, linewidth=0.8, alpha=0.7)

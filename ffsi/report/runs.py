@@ -16,12 +16,13 @@ from ffsi.files.reading import read_text
 from ffsi.hemodynamics.result import Result, load_results
 from ffsi.report import animation, blood, formulas, history, scene, viewer
 from ffsi.report.blocks import Block, Picture, Pictures, Section, Text, Viewer, marked
+from ffsi.report.curves import sensitivity_bars
 from ffsi.report.tables import Rows, about_key, cell
 from ffsi.result import in_time, pictures
 from ffsi.result.evaluation import Notes, attempt
 from ffsi.result.evaluation import words as note_words
 from ffsi.result.published import references_for
-from ffsi.result.quantities import CHECKED, WORDS, flatten, published_value, unit
+from ffsi.result.quantities import CHECKED, WORDS, flatten, in_table, published_value, unit
 from ffsi.result.sketch import sketch
 from ffsi.result.words import OUTCOMES, time_line
 from ffsi.scene import load_scene
@@ -42,6 +43,7 @@ CHECK_TEXT = (
     "them the residual of every equation, relative to its largest term, and every quantity once more."
 )
 FRAMES, FRAME_DPI = 24, 64
+_BARS = 400_000  # bytes of their picture, at most
 _OF_HISTORY = {
     "time": "s",
     "step": "s",
@@ -146,14 +148,31 @@ def _results(result: Result) -> list[Block]:
         head, numeric = [*head, "published", "error", "source"], [*numeric, True, True, False]
     body = []
     for name, value in values.items():
-        cells = [name, f"{value:.8g}", unit(name)]
+        bar = (result.data.get("errors") or {}).get(name, {}).get("bar")
+        cells = [name, f"{value:.8g}" + (f" ± {bar:.2g}" if bar else ""), unit(name)]
         if published:
             found = published_value(name, published)
             cells += ["", "", ""] if found is None else [
                 f"{found[0]:.8g}", f"{100 * (value - found[0]) / abs(found[0]):+.3f} %", found[1].source,
             ]  # fmt: skip
         body.append(cells)
-    return [Rows(head, body, numeric, f"Quantities {when}".strip())]
+    return [Rows(head, body, numeric, f"Quantities {when}".strip()), *_sensitivities(result)]
+
+
+def _sensitivities(result: Result) -> list[Block]:
+    """Return the logarithmic derivatives of the quantities that tables show, as numbers and bars."""
+    known = result.data.get("sensitivities") or {}
+    names = [name for name in in_table("points") if name in known]
+    keys = list(known[names[0]]) if names else []
+    logs = {name: {key: known[name][key]["logarithmic"] for key in keys} for name in names}
+    keys = [key for key in keys if any(abs(logs[name][key] or 0.0) > 1e-6 for name in names)]
+    if not keys:
+        return []
+    body = [[key, *(cell(logs[name][key], "+.5f") for name in names)] for key in keys]
+    title = "Sensitivities: relative change of a quantity over that of a number, p/J dJ/dp"
+    rows = Rows(["number", *names], body, [False, *(True for _ in names)], title)
+    figure = sensitivity_bars({name: {key: logs[name][key] or 0.0 for key in keys} for name in names})
+    return [rows, Pictures("", [Picture.of(figure, title, _BARS)])]
 
 
 def _check(result: Result) -> list[Block]:

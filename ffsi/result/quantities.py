@@ -54,7 +54,7 @@ def published_value(name: str, published: Mapping[str, Reference]) -> tuple[floa
 
 def unit(quantity: str) -> str:
     """Return the unit of a (flattened) quantity's name, `1` if it has none."""
-    quantity = quantity.removeprefix("reached_")
+    quantity = quantity.removeprefix("reached_").removesuffix("_error")
     if quantity.endswith("_frequency"):
         return "Hz"
     if quantity.endswith("_change"):

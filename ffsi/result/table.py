@@ -40,6 +40,13 @@ def row(result: PlainResult, values: Values, directory: Path) -> dict[str, Any]:
         "warnings": "; ".join(result.warnings),
         **flatten(result.quantities),
         **extremes(result.data),
+        **{f"{name}_error": error["bar"] for name, error in (result.data.get("errors") or {}).items()},
+        **{
+            f"{name}_by_{key}": slopes[key]["derivative"]
+            for name, slopes in (result.data.get("sensitivities") or {}).items()
+            for key in values
+            if key in slopes
+        },
         **{f"reached_{name}": value for name, value in result.reached.items()},
         "check_maximum": None if math.isnan(worst) else worst,
         **({"not_evaluated": "; ".join(map(words, result.not_evaluated))} if result.not_evaluated else {}),

@@ -33,6 +33,7 @@ def run_chain(
     on_result: OnResult | None = None,
     threads: int = 1,
     resume: bool = False,
+    asked: Sequence[str] = (),
 ) -> list[Result]:
     """Solve many points in one FreeFEM process, each from the solution before it; of a scene in time, one point.
 
@@ -50,6 +51,7 @@ def run_chain(
         on_result: called with each Result as soon as it is there, from another thread.
         threads: threads of the linear algebra.
         resume: go on with the computation in time in `out`.
+        asked: what the script is asked for besides, of `sensitivities` and `error`.
 
     Returns:
         One Result per point.
@@ -71,7 +73,7 @@ def run_chain(
         arguments = start(points[0], installation, resume)
         if not resume:
             folder.write_json(directory / folder.CHAIN, {"points": list(key_values)})
-            arguments = _write_points(directory, names, key_values)
+            arguments = {**_write_points(directory, names, key_values), **dict.fromkeys(asked, "1")}
         with _Finisher(points, check, draw == "all", on_result) as finisher:
             if draw != "none" and scene.output.pictures:  # loaded while the script makes its mesh, not at the end
                 finisher.pool.submit(import_module, "ffsi.result.pictures")

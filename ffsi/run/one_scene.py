@@ -34,6 +34,7 @@ def solve(
     resume: bool = False,
     animate: str | None = None,
     sensitivities: bool = False,
+    error: bool = False,
 ) -> Result:
     """Solve one scene and leave its run folder behind.
 
@@ -51,6 +52,8 @@ def solve(
         animate: `velocity`, `pressure` or `displacement`, of which the saved steps become a GIF.
         sensitivities: of a steady scene, also the derivatives of its quantities by its numbers, into
             `data["sensitivities"]`: by quantity, then key, `derivative` (SI) and `logarithmic`.
+        error: of a steady scene, also estimates of what the mesh adds to its quantities, and error bars, into
+            `data["errors"]` (docs/numerics.md).
 
     Returns:
         The Result; a scene that does not converge is a Result with status `failed`, not an exception.
@@ -68,8 +71,9 @@ def solve(
         raise InputError(f"animate = {animate!r}: accepted: {', '.join(folder.PICTURES)}")
     if on_event is not None and not callable(on_event):
         raise InputError(f"on_event = {on_event!r}: accepted: a function that takes an event")
-    if sensitivities and scene.time is not None:
-        raise InputError(f"sensitivities: {scene.name} is a scene in time; accepted: steady ones")
+    asked = [name for name, wanted in (("sensitivities", sensitivities), ("error", error)) if wanted]
+    if asked and scene.time is not None:
+        raise InputError(f"{asked[0]}: {scene.name} is a scene in time; accepted: steady ones")
     if resume:
         if target is None:
             raise InputError("to resume a run its folder is needed")
@@ -80,8 +84,8 @@ def solve(
     point = Point(scene, directory, 1, {}, alone=True)
     with folder.held(directory):
         arguments = start(point, installation, resume)
-        if arguments is not None and sensitivities:
-            arguments = {**arguments, "sensitivities": "1"}
+        if arguments is not None:
+            arguments = {**arguments, **dict.fromkeys(asked, "1")}
         died = None if arguments is None else execute(scene, directory, installation, arguments, on_event, threads)
         data = point.judged(died, check)
         if not resume and (further := _that_goes_further(scene, data)) is not None:

@@ -86,6 +86,9 @@ class Point:
             data["quantities"] |= gather(notes, walls.evaluations) if walls is not None else {}
         if not failure and (slopes := self._read(folder.numbered(folder.SENSITIVITIES, self.number))):
             data["sensitivities"] = with_logarithms(slopes, data["quantities"], parameters)
+        if not failure and (errors := self._read(folder.numbered(folder.ERRORS, self.number))):
+            data["errors"] = errors["errors"]
+            data["warnings"] = [*data["warnings"], *errors["warnings"]]
         data |= attempt(notes, "regions and boundaries", lambda: result.domain) or {}
         if self.scene.time is not None:
             attempt(notes, "motion", lambda: in_time.complete(data, self.scene, self.directory))
@@ -245,7 +248,8 @@ def set_aside(data: dict[str, Any], raw: Mapping[str, Any]) -> None:
         found |= {"time": in_time["reached"]} | flatten(in_time["last"])
     data["reached"] = found | flatten(data["quantities"])
     data["quantities"] = {}
-    data.pop("sensitivities", None)
+    for name in ("sensitivities", "errors"):
+        data.pop(name, None)
 
 
 def with_logarithms(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Executor
 from pathlib import Path
 from typing import Any
@@ -65,14 +65,14 @@ def workers_of(pool: Executor) -> int:
     return int(getattr(pool, "_max_workers", None) or os.cpu_count() or 1)
 
 
-def task(scene: Scene, piece: Piece, check: bool, draw: bool, leads: int) -> dict[str, Any]:
+def task(scene: Scene, piece: Piece, check: bool, draw: bool, leads: int, asked: Sequence[str]) -> dict[str, Any]:
     """Return what a worker needs to solve a piece, as plain data."""
     with tempfile.TemporaryDirectory(prefix="ffsi-task-") as name:
         text = stored(scene, Path(name)).to_toml()
         files = {path.name: path.read_bytes() for path in Path(name).iterdir()}
     return {
         "version": package_version(), "scene": text, "files": files, "piece": [dict(p) for p in piece], "check": check,
-        "draw": draw, "leads": leads,
+        "draw": draw, "leads": leads, "asked": list(asked),
     }  # fmt: skip
 
 
@@ -99,5 +99,6 @@ def work(task: Mapping[str, Any]) -> list[dict[str, bytes]]:
             return chains[-1]
 
         scene = load_scene(source / folder.SCENE)
-        run_piece(scene, task["piece"], new_folder, check=task["check"], draw=task["draw"], leads=task["leads"])
+        asked = {name: task[name] for name in ("check", "draw", "leads", "asked")}
+        run_piece(scene, task["piece"], new_folder, **asked)
         return [{path.name: path.read_bytes() for path in chain.iterdir() if path.is_file()} for chain in chains]

@@ -16,6 +16,7 @@ import pandas as pd
 
 from ffsi.files import folder
 from ffsi.files.arguments import count_of, path_of
+from ffsi.files.errors import InputError
 from ffsi.freefem import Event, find_freefem, stop_all
 from ffsi.freefem.events import OnEvent
 from ffsi.hemodynamics.result import Result
@@ -50,6 +51,8 @@ def sweep(
     cache: str | Path | None = None,
     check: bool = True,
     on_event: OnEvent | None = None,
+    error: bool = False,
+    sensitivities: bool = False,
 ) -> pd.DataFrame:
     """Solve `scene` at many points, and keep `out/sweep.csv` up to date while they finish.
 
@@ -73,6 +76,9 @@ def sweep(
         check: verify every point with the independent checker.
         on_event: called with every event of the scripts, and with `result` events of the study: `points`, `done`,
             `failed`, `running`, and in words the last point.
+        error: of steady scenes: error bars (`solve`) in the columns `..._error`. Points that are there already stay.
+        sensitivities: likewise derivatives by the varied keys (`solve`), in SI, in columns such as
+            `drag_by_fluid.viscosity`.
 
     Returns:
         One row per point in their order: the varied keys in SI, `status`, `checked`, `reason`, `failure`, `warnings`,
@@ -88,6 +94,9 @@ def sweep(
     directory = path_of(out, "out").absolute()
     # One script for the points of a chain, also where a default would follow a varied value.
     scene = scene_of(scene).settled()
+    asked = [name for name, wanted in (("sensitivities", sensitivities), ("error", error)) if wanted]
+    if asked and scene.time is not None:
+        raise InputError(f"{asked[0]}: {scene.name} is a scene in time; accepted: steady ones")
     varied, points = columns_of(scene, vary, design, samples, seed)
     pool = remote.executor_of(executor, dask)
     kept = Cache(cache) if cache is not None else None
@@ -103,7 +112,7 @@ def sweep(
             for result in harvest(scene, chain, table.keys, check=check):
                 table.add(result)
         table.on_event = on_event
-        study = _Study(scene, directory, table, workers, pool, kept, check)
+        study = _Study(scene, directory, table, workers, pool, kept, check, asked)
         study.run(on_event)
         return table.write()
 
@@ -199,8 +208,9 @@ class _Study:
 
     def __init__(
         self, scene: Scene, directory: Path, table: _Table, workers: int, pool: Executor | None, cache: Cache | None,
-        check: bool,
+        check: bool, asked: Sequence[str],
     ) -> None:  # fmt: skip
+        self.asked = asked
         self.scene, self.directory, self.table, self.workers = scene, directory, table, workers
         self.pool, self.cache, self.check = pool, cache, check
         self.stop = Stop()
@@ -227,7 +237,7 @@ class _Study:
 
     def _not_kept(self, points: Sequence[Values]) -> list[Values]:
         """Return the points that are not in the cache; take the others in."""
-        if self.cache is None:
+        if self.cache is None or self.asked:  # nobody asked when they were kept
             return list(points)
         left = []
         for values in points:
@@ -276,7 +286,7 @@ class _Study:
                 run_piece(
                     self.scene, piece, lambda: new.pop() if new else self.new_folder(), check=self.check,
                     draw=self._drawn(piece), leads=leads, on_event=on_event, on_result=self.table.add, threads=threads,
-                    stop=self.stop,
+                    stop=self.stop, asked=self.asked,
                 )  # fmt: skip
                 self._keep()
                 self.table.count(-1)
@@ -288,7 +298,9 @@ class _Study:
         try:
             for piece in pieces:
                 tasks[
-                    self.pool.submit(remote.work, remote.task(self.scene, piece, self.check, self._drawn(piece), leads))
+                    self.pool.submit(
+                        remote.work, remote.task(self.scene, piece, self.check, self._drawn(piece), leads, self.asked)
+                    )
                 ] = piece
         except RuntimeError as error:  # it is broken already, or shut down
             logger.warning("%s", error)

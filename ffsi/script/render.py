@@ -306,7 +306,7 @@ def _machinery(scene: Scene) -> list[str]:
     """Return the library's files that come after the weak form, in their order."""
     outlet = scene.outlet
     special = outlet is not None and (outlet.has_pressure or outlet.backflow is not None or outlet.hydrostatic)
-    last = ["continuation", "failure", "sensitivities", "main"]
+    last = ["continuation", "failure", "sensitivities", "errors", "main"]
     if scene.time:
         first = ["womersley"] if _womersley(scene) else []
         wall = ["wall"] if scene.output.wall else []

@@ -1,0 +1,66 @@
+"""Error bars of steady scenes against finer meshes, where they are shown, and where there are none."""
+
+import pytest
+from conftest import scene_of
+
+import ffsi
+from ffsi.report import write_report
+from ffsi.scene import with_values
+
+
+@pytest.fixture(scope="module")
+def estimated(tmp_path_factory):
+    def estimated(case, *settings):
+        return ffsi.solve(scene_of(case, *settings), tmp_path_factory.mktemp(case), error=True)
+
+    return estimated
+
+
+@pytest.mark.parametrize(
+    ("case", "names"),
+    [
+        ("turek-fsi1", ("drag", "lift", "tip_ux", "tip_uy", "pressure_drop")),
+        ("cook", ("tip_ux", "tip_uy")),
+        ("turek-csm1", ("tip_ux", "tip_uy")),
+    ],
+)
+def test_bars_cover_the_difference_to_a_finer_mesh(estimated, solved, case, names):
+    result, fine = estimated(case), solved(case, "mesh.level=3")
+    assert result.checked and set(names) <= set(result.data["errors"])
+    for name in names:
+        error = result.data["errors"][name]
+        wrong = fine.quantities[name] - result.quantities[name]
+        assert abs(wrong) <= error["bar"] < 12 * abs(wrong), name
+        assert abs(wrong - error["estimate"]) < 0.5 * abs(wrong), name  # with it the value is better
+    assert "min_jacobian" not in result.data["errors"]
+
+
+def test_the_chain_goes_on_from_the_coarse_mesh(tmp_path, solved):
+    scene = scene_of("turek-fsi1")
+    table = ffsi.sweep(scene, {"fluid.density": [1000.0, 900.0]}, tmp_path / "s", error=True, sensitivities=True)
+    assert list(table["status"]) == ["converged"] * 2 and table["checked"].all()
+    alone = ffsi.solve(with_values(scene, {"fluid.density": 900.0}), tmp_path / "alone", error=True)
+    second = table.iloc[1] if table["fluid.density"][1] == 900 else table.iloc[0]
+    assert second["drag"] == pytest.approx(alone.quantities["drag"], rel=1e-9)
+    assert second["drag_error"] == pytest.approx(alone.data["errors"]["drag"]["bar"], rel=1e-4)
+    assert table.attrs["units"]["drag_error"] == "N/m"
+    slope = (table["drag"][1] - table["drag"][0]) / (table["fluid.density"][1] - table["fluid.density"][0])
+    assert table["drag_by_fluid.density"].mean() == pytest.approx(slope, rel=1e-2)
+
+
+def test_there_is_no_bar_where_the_refined_mesh_does_not_hold(estimated):
+    result = estimated("flap-svk")  # its corner collapses there: docs/limits.md
+    assert result.converged and result.data["errors"] == {}
+    assert any(text.startswith("no error bars") for text in result.warnings)
+
+
+def test_a_scene_in_time_is_refused(tmp_path):
+    with pytest.raises(ffsi.InputError, match="error: turek-fsi3 is a scene in time"):
+        ffsi.solve("turek-fsi3", tmp_path / "run", error=True)
+
+
+def test_a_report_shows_bars_and_sensitivities(tmp_path):
+    ffsi.solve(scene_of("turek-csm1"), tmp_path / "run", error=True, sensitivities=True)
+    write_report([tmp_path / "run"], tmp_path / "report.md")
+    text = (tmp_path / "report.md").read_text()
+    assert " ± " in text and "p/J dJ/dp" in text and "poisson" in text
