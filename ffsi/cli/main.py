@@ -87,7 +87,8 @@ def run(
         typer.Option(
             "--resume",
             metavar="DIR",
-            help="Go on with the run in time in DIR, which was killed or stopped, instead of a case.",
+            help="Go on with the run in time in DIR, which was killed or stopped, instead of a case; a "
+            "finished one with --set time.end=LATER.",
             show_default=False,
         ),
     ] = None,
@@ -104,13 +105,14 @@ def run(
     """
     from ffsi.result import resolution
     from ffsi.result.in_time import STOPPED
+    from ffsi.run.longer import lengthen
     from ffsi.run.one_scene import solve
     from ffsi.run.resume import check_resumable
 
     if resume is not None:
-        if case is not None or settings or out is not None:
-            raise InputError("--resume takes case, values and folder from DIR: give no CASE, --set or --out")
-        scene, directory = check_resumable(resume), resume
+        if case is not None or out is not None:
+            raise InputError("--resume takes case, values and folder from DIR: give no CASE or --out")
+        scene, directory = lengthen(resume, settings) if settings else check_resumable(resume), resume
     elif case is None:
         raise InputError("Missing argument CASE or scene.toml, or --resume DIR")
     else:

@@ -16,6 +16,7 @@ from ffsi.freefem import FreeFEMError, find_freefem
 from ffsi.freefem.events import OnEvent
 from ffsi.hemodynamics.result import Result
 from ffsi.run.execute import execute, start
+from ffsi.run.longer import END, lengthen
 from ffsi.run.point import Point, seconds
 from ffsi.run.resume import check_resumable
 from ffsi.scene import Scene, scene_of, with_values
@@ -114,11 +115,19 @@ def _that_goes_further(scene: Scene, data: Mapping[str, Any]) -> Scene | None:
     return with_values(scene, {"mesh_motion.kind": FURTHEST}) if "the fluid mesh folds" in data["reason"] else None
 
 
-def resume(directory: str | Path, *, check: bool = True, on_event: OnEvent | None = None, threads: int = 1) -> Result:
+def resume(
+    directory: str | Path,
+    *,
+    end: float | str | None = None,
+    check: bool = True,
+    on_event: OnEvent | None = None,
+    threads: int = 1,
+) -> Result:
     """Go on with a computation in time that was killed or stopped, from its last checkpoint; without one, start over.
 
     Args:
         directory: its run folder.
+        end: another, later end, a number in s or a text with a unit; a finished run goes on, too.
         check: verify the saved steps with the independent checker.
         on_event: called with every event, as by `solve`.
         threads: threads of the linear algebra.
@@ -132,5 +141,6 @@ def resume(directory: str | Path, *, check: bool = True, on_event: OnEvent | Non
         FreeFEMNotFound: no FreeFEM on this machine.
         FreeFEMError: as `solve`.
     """
-    scene = check_resumable(path_of(directory, "directory"))
+    folder_of_run = path_of(directory, "directory")
+    scene = check_resumable(folder_of_run) if end is None else lengthen(folder_of_run, [f"{END}={end}"])
     return solve(scene, directory, check=check, on_event=on_event, threads=threads, resume=True)

@@ -9,8 +9,9 @@ import pytest
 from conftest import PLAIN
 
 from ffsi.files.arrays import read_mesh, read_state
-from ffsi.hemodynamics.result import Result
-from ffsi.run.one_scene import solve
+from ffsi.files.errors import InputError
+from ffsi.hemodynamics.result import Result, load_result
+from ffsi.run.one_scene import resume, solve
 from ffsi.scene import load_scene, with_values
 
 SMALL = ["mesh.level=0", "mesh.size_factor=2", "time.stop=end", *PLAIN]
@@ -64,6 +65,36 @@ def test_where_the_mesh_folds_the_run_starts_again_with_one_that_does_not(tmp_pa
     stated = solve(with_values(scene, {"mesh_motion.kind": "linear-elastic"}), tmp_path / "stated")
     assert not stated.converged
     assert stated.reason.endswith("mesh_motion.kind = hyperelastic goes further")
+
+
+def test_a_run_with_a_mesh_that_is_not_linear_resumes_to_the_last_digit(tmp_path):
+    settings = ["mesh_motion.kind=hyperelastic", "time.step=0.01", "time.end=0.2", "time.checkpoint_interval=0.08"]
+    whole = run(tmp_path / "run", "turek-fsi3", "inflow.ramp=0.05", *settings)
+    for name in ("result.json", "point-0001.json", "point-0001.bin"):
+        (whole.directory / name).unlink()
+    again = resume(whole.directory)
+    assert again.checked
+    said = ["seconds"]
+    pd.testing.assert_frame_equal(again.history.drop(columns=said), whole.history.drop(columns=said), check_exact=True)
+
+
+@pytest.mark.parametrize("interval", ["0.04", "10"], ids=["from a checkpoint", "without one"])
+def test_a_finished_run_goes_on_to_a_later_end(interval, tmp_path):
+    """It is the run that would have had this end, but for the steps that the first one shortened for its own."""
+    settings = ["inflow.ramp=0.05", "time.step=0.01", f"time.checkpoint_interval={interval}"]
+    first = run(tmp_path / "run", "turek-fsi3", *settings, "time.end=0.1")
+    whole = run(tmp_path / "whole", "turek-fsi3", *settings, "time.end=0.16")
+    with pytest.raises(InputError, match=r"time.end = 0.1 s: must be later than the end of the run, 0.1 s"):
+        resume(first.directory, end=0.1)
+    assert load_result(first.directory).converged
+    longer = resume(first.directory, end=0.16)
+    assert longer.checked and longer.scene.time.end == 0.16
+    said = ["seconds"]
+    expected = whole.history.drop(columns=said)
+    pd.testing.assert_frame_equal(longer.history.drop(columns=said), expected, check_exact=interval == "10", rtol=1e-6)
+    assert load_result(first.directory).data["quantities"].keys() == whole.data["quantities"].keys()
+    with pytest.raises(InputError, match="nothing to resume"):
+        resume(first.directory)
 
 
 # Steps that cannot be done --------------------------------------------------------------------------------------------

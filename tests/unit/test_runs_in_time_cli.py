@@ -110,9 +110,9 @@ def test_without_resume_the_run_is_replaced(capsys, in_time, check, scene_file):
 INTERVAL = ["--set", "time.output_interval=0.1"]
 BAD_INPUT = [
     (["run", "--resume", "nothing"], "nothing is no run folder of ffsi (it does not exist)"),
-    (["run", "turek-fsi3", "--resume", "nothing"], "give no CASE, --set or --out"),
-    (["run", "--resume", "nothing", "--out", "x"], "give no CASE, --set or --out"),
-    (["run", "--resume", "nothing", "--set", "mesh.level=1"], "give no CASE, --set or --out"),
+    (["run", "turek-fsi3", "--resume", "nothing"], "give no CASE or --out"),
+    (["run", "--resume", "nothing", "--out", "x"], "give no CASE or --out"),
+    (["run", "--resume", "nothing", "--set", "mesh.level=1"], "only time.end can change"),
     (["run", "--resume"], "requires an argument"),
     (["run", "turek-fsi3", "--animate", "velocity"], "set time.output_interval"),
     (
