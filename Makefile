@@ -14,7 +14,7 @@ SYSTEM_PACKAGES := freefem++ libfreefem++ libfreefem++-dev libopenblas0-pthread
 # What the Python package gmsh loads, with which tests make meshes; a browser that looks at reports.
 TEST_PACKAGES := chromium fonts-dejavu-core libglu1-mesa libgl1 libxrender1 libxcursor1 libxft2 libxinerama1 libxext6 libxfixes3 libx11-6 libfontconfig1 libgomp1
 
-.PHONY: help setup system test-system run test verify verify-long verify-hard bench paper report figures lint edp keys docs
+.PHONY: help setup system test-system run test verify verify-long verify-hard verify-acid bench paper report figures lint edp keys docs
 
 help:
 	@echo "make setup   install what is missing: FreeFEM (apt) and the Python environment in $(VENV)"
@@ -23,6 +23,7 @@ help:
 	@echo "make verify  published values and flow of blood: results/verification*, results/blood*, docs/results.md, and their tests (hours; a second call goes on)"
 	@echo "make verify-long  FSI2 and FSI3 over many periods: results/long*, docs/results.md (an hour; a second call goes on)"
 	@echo "make verify-hard  scenes outside of the catalogue, solved rightly or refused with the cause: results/hard.* (hours; a second call goes on)"
+	@echo "make verify-acid  tests of the literature with moving walls, following loads, linear solids: results/acid.* (minutes; a second call goes on)"
 	@echo "make bench   error against seconds, cost ratios, mesh motions, time steps: results/bench-*, results/mesh-motion.*, docs/results.md"
 	@echo "make paper   the study of the paper's section 5: results/paper (minutes)"
 	@echo "make report  results/report.html, one page of the documents and pictures in results/"
@@ -53,6 +54,9 @@ verify-long: setup
 
 verify-hard: setup
 	@$(BIN)/python -m studies verify --hard --jobs $(JOBS) --out results
+
+verify-acid: setup
+	@$(BIN)/python -m studies verify --acid --jobs $(JOBS) --out results
 
 bench: setup
 	@$(BIN)/python -m studies bench --repeat 3 --out results --readme docs/results.md

@@ -43,6 +43,7 @@ VERIFY: Kinds = {
     "--long": ("verification.in_time", "main_long", _LONG),
     "--blood": ("verification.blood", "main", _LONG),
     "--hard": ("verification.hard", "main", ("jobs", "runs", "out", "only")),
+    "--acid": ("verification.acid", "main", ("jobs", "runs", "out")),
 }
 BENCH: Kinds = {
     "": ("bench.steady", "main_levels", ("repeat", "out", "readme")),
@@ -68,6 +69,9 @@ def verify(
     hard: Annotated[
         bool, _option("hard", "Scenes that must be solved rightly or refused with the cause (takes hours).")
     ] = False,
+    acid: Annotated[
+        bool, _option("acid", "Tests of the literature that others fail, or that are exact (takes minutes).")
+    ] = False,
     jobs: Jobs = None,
     only: Annotated[str | None, _option("only", "With --hard: names such as h-*.", "GLOB,...", "all")] = None,
     runs: Runs = None,
@@ -79,7 +83,7 @@ def verify(
     Exit codes: 0 all runs solved and checked, else as `ffsi run`; errors against published values do not count. With
     --hard 0 if all is as expected; 1 also if a number or a cause is wrong.
     """
-    flags = {"--unsteady": unsteady, "--long": long, "--blood": blood, "--hard": hard}
+    flags = {"--unsteady": unsteady, "--long": long, "--blood": blood, "--hard": hard, "--acid": acid}
     _do("verify", VERIFY, flags, {"jobs": jobs, "runs": runs, "out": out, "readme": readme, "only": only})
 
 
