@@ -26,7 +26,7 @@ from ffsi.script import flux_tables
 from ffsi.script.formula import with_formulas
 from ffsi.script.parameters import OF_CONSISTENCY, Parameter, units_of
 from ffsi.script.quantities import reported
-from ffsi.script.walls import moving_walls, named_loads
+from ffsi.script.walls import is_fixed, moving_walls, named_loads
 
 _MESH_ALONE = """BuildMesh(meshLevel);
 CheckMesh();
@@ -46,7 +46,9 @@ _THETA = {  # of a step of length k
 def parameters(scene: Scene) -> list[Parameter]:
     """Return the run-time parameters of the scene's script, in the scene's order."""
     unused = (*PYTHON_ONLY, "mesh.size_factor") if scene.geometry.kind == "mesh" else PYTHON_ONLY
-    numbers = {key: value for key, value in scene.parameters().items() if key not in unused}
+    numbers = {
+        key: value for key, value in scene.parameters().items() if key not in unused and not is_fixed(key, value)
+    }
     return [Parameter(key, value, index, limits(scene, key)) for index, (key, value) in enumerate(numbers.items())]
 
 

@@ -17,12 +17,25 @@ def moving_walls(scene: Scene, outline: list[Boundary]) -> dict[str, Any]:
     if not names:
         return {"moving": {}}
     values = {f"wall{_camel(key)}": _variables("walls", names, key) for key in _WALL}
+    for key in _WALL:
+        numbers = [float(getattr(scene.walls[name], key)) for name in names]
+        unit = "/unitLength" if key.startswith("centre") else ""
+        pairs = zip(names, numbers, values[f"wall{_camel(key)}"], strict=True)
+        values[f"wall{_camel(key)}"] = [
+            f"{value!r}{unit}" if is_fixed(f"walls.{name}.{key}", value) else variable
+            for name, value, variable in pairs
+        ]
     if scene.time:
         waves = [scene.walls[name].expression for name in names]
         values["wallFactors"] = [f"Ramp(at)*({wave.to_freefem()})" if wave else "InflowFactor(at)" for wave in waves]
-    speeds = [f"abs({x})" for key in _WALL[:2] for x in _variables("walls", names, key)]
-    speeds += [f"abs({x})*unitLength" for x in _variables("walls", names, "rotation")]
+    speeds = [f"abs({x})" for key in ("VelocityX", "VelocityY") for x in values[f"wall{key}"]]
+    speeds += [f"abs({x})*unitLength" for x in values["wallRotation"]]
     return {"moving": _arrays(values), "speed_of_walls": " + ".join(speeds)}
+
+
+def is_fixed(key: str, value: float) -> bool:
+    """Return whether a number is none that a script can vary: another one would let a wall move through itself."""
+    return key.startswith("walls.") and (value == 0 or key.endswith((".centre_x", ".centre_y")))
 
 
 def named_loads(scene: Scene, outline: list[Boundary]) -> dict[str, Any]:

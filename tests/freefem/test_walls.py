@@ -2,12 +2,15 @@
 
 import numpy as np
 import pytest
+from conftest import scene_of
 from own_mesh import scene_on, write_mesh
 from recipes import copy_program, refused
 from structured import structured_mesh
 
 from ffsi.files.arrays import read_mesh, read_state
+from ffsi.files.errors import InputError
 from ffsi.run.one_scene import solve
+from ffsi.run.sensitivities import sensitivities
 from ffsi.scene import Scene, SceneError, load_scene
 
 WATER = {"density": 2.0, "viscosity": 0.1}
@@ -140,6 +143,17 @@ def test_a_cylinder_that_turns_lifts(solved, time):
         lift = result.quantities["lift"]
         lifts.append(lift if not time else result.history["lift"].iloc[-1])
     assert lifts[0] * lifts[1] < 0
+
+
+def test_what_a_turn_does_to_the_lift(solved):
+    """The sensitivity by the rotation, the only number of a cylinder's wall that can change alone."""
+    wall = ["walls.cylinder.centre_x=0.2", "walls.cylinder.centre_y=0.2"]
+    scene = scene_of("cylinder-2d1", *wall, "walls.cylinder.rotation=2")
+    found = sensitivities(scene, of=["lift"], to=["walls.cylinder.rotation"]).loc["walls.cylinder.rotation", "lift"]
+    low, high = (solved("cylinder-2d1", *wall, f"walls.cylinder.rotation={w}").quantities["lift"] for w in (1.99, 2.01))
+    assert found == pytest.approx((high - low) / 0.02, rel=1e-3)
+    with pytest.raises(InputError, match=r"walls\.cylinder\.centre_x"):
+        sensitivities(scene, of=["lift"], to=["walls.cylinder.centre_x"])
 
 
 # A wrong script does not pass.
