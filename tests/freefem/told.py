@@ -106,9 +106,6 @@ def told(scene: Scene, *, hold: bool = False) -> str:
     if scene.mesh_motion and not scene.mesh_motion.law.linear:
         balance = "    right = right.*meshRow(uxFrom:uyTo);"
         text = replaced(text, balance, f"    right += sources(uxFrom:uyTo);\n{balance}")
-    elif scene.mesh_motion:
-        inner = "  inside = extension^-1*right;"
-        text = replaced(text, inner, f"  inside = all(extended); right += inside;\n{inner}")
     sources = SOURCES.replace("MESH_SOURCES", MESH_SOURCES if scene.fluid else "")
     text = replaced(text, f"{LINE} main\n", f"{sources}{LINE} main\n")
     text = replaced(text, "  Conditions();\n", "  Conditions(); ReadNodes();\n" + (HOLD if hold else ""))
