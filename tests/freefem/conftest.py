@@ -29,6 +29,8 @@ LONG = (
     "test_direct.py::test_a_folder_of_another_script_is_refused",
     *(f"test_direct.py::test_the_same_numbers_as_through_python[{case}" for case in ("flap", "aneurysm-", "turek-c")),
     *(f"test_failures.py::test_a_killed_sweep_keeps_its_points_and_goes_on[{name}]" for name in ("SIGINT", "SIGTERM")),
+    "test_errors.py::test_bars_cover_the_difference_to_a_finer_mesh[cook",
+    "test_errors.py::test_the_chain_goes_on_from_the_coarse_mesh",
     "test_new_geometry.py::test_mistakes_are_caught",
     "test_new_outlet.py::test_a_steady_flow_has_its_resistance_alone",
     "test_new_outlet.py::test_a_wrong_sign_is_caught[signs1]",
@@ -42,6 +44,8 @@ LONG = (
         for case in ("aneurysm", "flap-m", "flap-neo", "turek-c", "cantilever")
     ),
     "test_step_solvers.py::test_both_solvers_give_the_same_history[mixed]",
+    "test_sensitivities.py::test_they_are_those_of_differences_of_solutions[cavity",
+    "test_step_solvers.py::test_a_finished_run_goes_on_to_a_later_end[without one]",
     "test_step_solvers.py::test_a_far_too_large_step_becomes_a_smaller_one",
     "test_step_solvers.py::test_a_far_too_strong_load_fails_with_the_last_good_state[inflow]",
     "test_steps_in_time.py::test_steps_follow_the_accepted_error_and_hit_the_outputs",

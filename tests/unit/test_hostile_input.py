@@ -207,7 +207,7 @@ def test_what_is_no_ordinary_file_is_refused_before_it_is_read(tmp_path):
     Path("bytes").write_bytes(b"\xff\xfe\x00")
     Path("utf16").write_text("name = 'x'", encoding="utf-16")
     for name, fragment in {
-        "/dev/zero": "a device", "pipe": "a pipe", "folder": "s a directory", "huge": "too large", "bytes": "UTF-8",
+        "/dev/zero": "a device", "pipe": "a pipe", "folder": "s a folder", "huge": "too large", "bytes": "UTF-8",
         "utf16": "UTF-8", "nothing": "No such file", "a\0b": "no name of a file", "x" * 5000: "too long",
     }.items():  # fmt: skip
         begin = time.perf_counter()
