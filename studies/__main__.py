@@ -47,6 +47,8 @@ VERIFY: Kinds = {
 }
 BENCH: Kinds = {
     "": ("bench.steady", "main_levels", ("repeat", "out", "readme")),
+    "--work-precision": ("bench.speed", "main_levels", ("repeat", "out", "readme")),
+    "--peers": ("bench.speed", "main_peers", ("repeat", "out", "readme")),
     "--scenes": ("bench.steady", "main_scenes", ("repeat", "out", "readme")),
     "--mesh-motion": ("bench.mesh_motion", "main", ("out", "readme")),
     "--unsteady": ("bench.unsteady", "main", ("repeat", "runs", "out", "readme")),
@@ -89,6 +91,10 @@ def verify(
 
 @app.command()
 def bench(
+    work_precision: Annotated[
+        bool, _option("work-precision", "Errors against processor time and unknowns instead (takes minutes).")
+    ] = False,
+    peers: Annotated[bool, _option("peers", "FSI1 beside NGSolve instead; `make bench-peers` installs it.")] = False,
     scenes: Annotated[
         bool, _option("scenes", "Cost ratios of every steady scene near 30 000 unknowns instead, and formulations.")
     ] = False,
@@ -101,11 +107,12 @@ def bench(
     out: Out = None,
     readme: Readme = None,
 ) -> None:
-    """Measure error against seconds, and what assembly costs beside one factorisation, over the mesh levels.
+    """Measure what FSI1 costs over the mesh levels, in units of one factorisation.
 
     Exit codes: as `ffsi run`, but where a mesh motion ends is a result: 3 only if no mesh motion solved any point.
     """
-    flags = {"--scenes": scenes, "--mesh-motion": mesh_motion, "--unsteady": unsteady}
+    flags = {"--work-precision": work_precision, "--peers": peers}
+    flags |= {"--scenes": scenes, "--mesh-motion": mesh_motion, "--unsteady": unsteady}
     _do("bench", BENCH, flags, {"repeat": repeat, "runs": runs, "out": out, "readme": readme})
 
 

@@ -200,6 +200,11 @@ class Run:
         }
 
 
+def repeated(command: str, repeat: int) -> str:
+    """Return a command with its option, if it has one."""
+    return command + (f" --repeat {repeat}" if repeat > 1 else "")
+
+
 def multiples(size: float, count: int) -> tuple[float, ...]:
     """Return size, 2 size, ..., count size, without rounding errors."""
     return tuple(round(k * size, 10) for k in range(1, count + 1))

@@ -15,9 +15,9 @@ from ffsi.report.tables import Rows
 
 DOCUMENTS = (
     *("paper/paper.md", "paper/aneurysm.md", "verification.md", "verification-unsteady.md", "long.md", "blood.md"),
-    *("hard.md", "acid.md", "mesh-motion.md", "bench-scenes.md"),
+    *("hard.md", "acid.md", "speed.md", "mesh-motion.md", "bench-scenes.md"),
 )
-COMMANDS = ("make paper verify verify-long verify-hard bench", "make report")
+COMMANDS = ("make paper verify verify-long verify-hard bench bench-peers", "make report")
 _INLINE = ((r"`([^`]*)`", r"<code>\1</code>"), (r"\*\*([^*]+)\*\*", r"<b>\1</b>"), (r"\*([^*]+)\*", r"<i>\1</i>"),
            (r"\[([^]]*)\]\((https?:[^)]*)\)", r'<a href="\2">\1</a>'), (r"\[([^]]*)\]\([^)]*\)", r"\1"))  # fmt: skip
 

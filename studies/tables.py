@@ -121,9 +121,9 @@ def dress(axes: Axes, which: str = "major", width: float = 0.7) -> None:
         spine.set_color(FAINT)
 
 
-def over_seconds(axes: Axes) -> None:
-    """Name the script's seconds along x; where there are curves, both axes are logarithmic."""
-    axes.set_xlabel("seconds of the FreeFEM script, one thread", color=INK)
+def logarithmic(axes: Axes, name: str = "seconds of the FreeFEM script, one thread") -> None:
+    """Name what runs along x; where there are curves, both axes are logarithmic."""
+    axes.set_xlabel(name, color=INK)
     if axes.lines:
         axes.set_xscale("log")
         axes.set_yscale("log")

@@ -1,1 +1,1 @@
-"""`bench`: error against seconds, what assembly costs beside a factorisation, and how far mesh motions carry."""
+"""`bench`: error against processor time, what assembly costs beside a factorisation, and how far mesh motions carry."""

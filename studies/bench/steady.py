@@ -1,4 +1,4 @@
-"""What steady runs cost: error against seconds over the mesh levels; assembly and formulations in factorisations."""
+"""What steady runs cost in units of one factorisation: over the mesh levels, every scene, a solid's formulations."""
 
 from __future__ import annotations
 
@@ -8,18 +8,13 @@ from pathlib import Path
 from statistics import median
 from typing import Any, NamedTuple
 
-import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure
 
 from ffsi.cli import show
 from ffsi.hemodynamics.result import Result
-from ffsi.report.curves import LINES, MARKERS
-from ffsi.result.pictures import INK, to_png
 from ffsi.scene import CASES, load_scene
-from studies.harness import Run, Study, solved
-from studies.tables import Column, TextTable, bounded, columns, dress, markdown, over_seconds, table
-from studies.verification.sources import COLUMNS, compared
+from studies.harness import Run, Study, repeated, solved
+from studies.tables import Column, TextTable, bounded, columns, markdown, table
 from studies.verification.steady import Variant, measure
 
 SOLVER = ("residual", "jacobian", "factorize", "solve")
@@ -73,78 +68,33 @@ def cost_row(runs: Sequence[Run]) -> dict[str, Any]:
     return row | {f"ratio_{name}": value for name, value in costs.items()}
 
 
-def repeated(command: str, repeat: int) -> str:
-    """Return a command with its option, if it has one."""
-    return command + (f" --repeat {repeat}" if repeat > 1 else "")
+# Costs over the mesh levels -------------------------------------------------------------------------------------------
 
-
-# Error against seconds ------------------------------------------------------------------------------------------------
-
-CASE, LEVELS = "turek-fsi1", (0, 1, 2, 3, 4)
+CASE, LEVELS = "turek-fsi1", range(5)
 BOUNDS = (
     "The bounds are meant for about 30 000 unknowns (level 2); `!` marks what is above them. Level 0 starts from rest, "
     "with new factors in every iteration; the sums of the other levels contain the coarser meshes."
 )
 
 
-def level_row(runs: Sequence[Run]) -> dict[str, Any]:
-    """Return costs and errors on one level; `error_0_drag`: of the drag, against the case's first compared source."""
-    row = cost_row(runs)
-    for run in [run for run in runs if not run.failure][:1]:
-        for index, source in enumerate(compared(CASE)):
-            row |= {f"error_{index}_{name}": error for name, error in source.errors(run.quantities).items()}
-    return row
-
-
-def level_tables(rows: Sequence[Mapping[str, Any]]) -> list[TextTable]:
-    """Return sizes, seconds and errors against the first source, errors against the others, and ratios with bounds."""
-    before = columns("unknowns | triangles | script s = script_seconds :.2f | total s = seconds :.2f")
-    after = columns("iterations | factorisations = factorizations")
-    tables, title = [], f"{CASE}: errors against"
-    for index, source in enumerate(compared(CASE)):
-        errors = columns("|".join(f"{COLUMNS[name]} = error_{index}_{name} :%" for name in source.values))
-        tables.append(table(rows, [*columns("level"), *before, *errors, *after], title=f"{title} {source.source}"))
-        before, after, title = [], [], "errors against"
+def level_table(rows: Sequence[Mapping[str, Any]]) -> TextTable:
+    """Return sizes and ratios with their bounds."""
     sizes = columns("level | unknowns | one factorisation s = one_factorization_seconds :.3f")
     found = [Column(f"{x.title} (below {x.bound:g})", f"ratio_{x.name}", x.form, x.bound) for x in RATIOS]
-    title = "seconds / seconds of one factorisation on the final mesh"
-    return [*tables, table(rows, [*sizes, *found], title=title)]
-
-
-def draw(rows: Sequence[Mapping[str, Any]]) -> Figure:
-    """Draw |relative error| of each quantity over the script's seconds, one panel per source."""
-    sources = compared(CASE)
-    figure = Figure(figsize=(5.2 * len(sources), 4.2), layout="constrained", facecolor="white")
-    panels = np.atleast_1d(figure.subplots(1, len(sources), sharey=True))
-    for index, (axes, source) in enumerate(zip(panels, sources, strict=True)):
-        for i, name in enumerate(source.values):
-            key = f"error_{index}_{name}"
-            points = [(row["script_seconds"], 100 * abs(row[key])) for row in rows if key in row]
-            label = f"${COLUMNS[name]}$" if "_" in COLUMNS[name] else COLUMNS[name]
-            style = {"color": LINES[i % len(LINES)], "marker": MARKERS[i % len(MARKERS)]}
-            if points:
-                axes.plot(*zip(*points, strict=True), label=label, linewidth=1.4, markersize=5, **style)
-        axes.set_title(f"{CASE}, against {source.source}", loc="left", fontsize=11, color=INK)
-        over_seconds(axes)
-        dress(axes, "both", 0.6)
-    panels[0].set_ylabel("relative error (%)", color=INK)
-    panels[0].legend(frameon=False, fontsize=9, labelcolor=INK)
-    return figure
+    return table(rows, [*sizes, *found], title="seconds / seconds of one factorisation on the final mesh")
 
 
 def main_levels(*, repeat: int = 1, out: Path | None = None, readme: Path | None = None) -> list[str]:
-    """Run FSI1 on every mesh level, one thread, and print errors, seconds and ratios: medians of `repeat` runs."""
+    """Run FSI1 on every mesh level, one thread, and print what it costs: medians of `repeat` runs."""
     study = Study(repeated("bench", repeat), out, readme, ["bench"])
     runs = [[measure(Variant(CASE), level) for _ in range(repeat)] for level in LEVELS]
-    rows = [level_row(group) for group in runs]
-    tables = level_tables(rows)
-    for item in tables:
-        item.print()
-    csv, picture = f"bench-{CASE}.csv", f"bench-{CASE}.png"
-    study.write({csv: lambda: pd.DataFrame(rows), picture: lambda: to_png(draw(rows))})
+    rows = [cost_row(group) for group in runs]
+    shown = level_table(rows)
+    shown.print()
+    study.write({f"bench-{CASE}.csv": lambda: pd.DataFrame(rows)})
     every = [run for group in runs for run in group]
-    more = f"{study.written(run.data for run in every)} {BOUNDS}{study.links('Error over seconds', [picture])}"
-    return study.publish([run.failure for run in every], {"bench": f"{tables[-1].markdown()}\n\n{more}"})
+    text = markdown([shown, f"{study.written(run.data for run in every)} {BOUNDS}"])
+    return study.publish([run.failure for run in every], {"bench": text})
 
 
 # Every steady scene near 30 000 unknowns, and what a solid's pressure as an unknown costs ----------------------------

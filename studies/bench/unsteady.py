@@ -25,8 +25,8 @@ from ffsi.hemodynamics.result import load_result
 from ffsi.run.one_scene import resume
 from ffsi.scene import Scene, load_scene
 from ffsi.script.render import render
-from studies.bench.steady import SOLVER, WORDS, repeated
-from studies.harness import PLAIN, Place, Run, Study, run_all
+from studies.bench.steady import SOLVER, WORDS
+from studies.harness import PLAIN, Place, Run, Study, repeated, run_all
 from studies.tables import Column, TextTable, columns, markdown, table, unsigned
 
 BLOCK = "bench-unsteady"

@@ -22,7 +22,7 @@ from ffsi.result.pictures import FAINT, INK, to_small_png
 from ffsi.result.published import references
 from ffsi.scene import CASES, Scene, load_scene
 from studies.harness import PLAIN, Place, Run, Study, run_all
-from studies.tables import Column, TextTable, bounded, columns, dress, markdown, over_seconds, table
+from studies.tables import Column, TextTable, bounded, columns, dress, logarithmic, markdown, table
 
 BLOCK = "verification-unsteady"
 CSV, MARKDOWN, PICTURE = (f"{BLOCK}.{ending}" for ending in ("csv", "md", "png"))
@@ -278,7 +278,7 @@ def _errors(axes: Axes, case: PeriodicCase, outcomes: Outcomes) -> None:
             style |= {"markerfacecolor": "white" if j else colour, "label": "_" if j else part.title}
             if points:
                 axes.plot(*zip(*points, strict=True), linewidth=1.0, **style)
-    over_seconds(axes)
+    logarithmic(axes)
     if axes.lines:
         axes.yaxis.set_major_formatter("{x:g}")
 

@@ -1,0 +1,237 @@
+"""Error against processor time and unknowns, of whole processes: over the mesh levels, and of FSI1 beside NGSolve."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import resource
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from statistics import median
+from typing import Any, NamedTuple
+
+import pandas as pd
+from matplotlib.figure import Figure
+
+from ffsi.cli import show
+from ffsi.files.errors import InputError
+from ffsi.report.curves import LINES, MARKERS
+from ffsi.result.pictures import INK, to_png
+from ffsi.result.quantities import WORDS
+from studies.harness import Place, Study, repeated
+from studies.tables import Column, TextTable, columns, dress, logarithmic, markdown, table, unsigned
+from studies.verification.sources import ReferenceSet, compared
+
+PEER_PYTHON = Path(".venv-peers/bin/python")  # made by `make bench-peers`
+PEER_SCRIPT = Path(__file__).with_name("ngsolve_fsi1.py")
+Values = Mapping[str, Any]
+Task = Callable[[], tuple[float, Values]]  # returns seconds of processor time, and a `result.json` or what it has of it
+
+
+class Sample(NamedTuple):
+    """A case on several mesh levels, and the quantities whose errors count."""
+
+    case: str
+    quantities: tuple[str, ...]
+    levels: Sequence[int] = range(5)
+
+
+SAMPLES = (
+    Sample("turek-cfd1", ("drag", "lift"), range(4)),
+    Sample("turek-csm1", ("tip_ux", "tip_uy")),
+    Sample("turek-fsi1", ("tip_ux", "tip_uy", "drag", "lift")),
+    Sample("flap-svk", ("tip_ux", "tip_uy", "drag", "lift")),
+    Sample("aneurysm", ("pressure_drop", "wss_mean_dome", "dome_displacement_max")),
+)
+FSI1 = SAMPLES[2]
+SIZES = ((3, 0.2, 3), (4, 0.25, 2), (4, 0.2, 4), (5, 0.15, 4), (6, 0.1, 6))  # order, size in m, layers at corners
+TOLERANCES = (0.005, 0.001, 0.0002)
+TEXT = (
+    "Seconds: processor time of the whole process with all that it starts, one thread, median of the runs, which "
+    "alternate; of `ffsi run` with check and pictures. Errors are (value - reference) / |reference|."
+)
+LEVELS_TEXT = (
+    "Published values have four to six digits: an error below 0.01 % against them says no more than that. "
+    "Against the own finest level errors come out too small by what that level itself is off."
+)
+PEERS_TEXT = (
+    "NGSolve by [a script of our own](../studies/bench/ngsolve_fsi1.py): u and v of order P, p one below, triangles of "
+    "at most h, so many geometric layers around the beam's corners, curved cylinder, static condensation, UMFPACK, one "
+    "Newton method from rest. Its unknowns are the free ones, ours all, fixed and trivial ones included. Sizes of "
+    "either program were chosen knowing the reference; a coarse one may be near it by luck. u_x against 2.2681e-5, the "
+    "rest against the hp values ([sources](../studies/data/README.md))."
+)
+
+
+def processor_time(command: Sequence[str | Path]) -> tuple[float, Values]:
+    """Run a command that prints JSON; return seconds of processor time, its children's included, and what it printed.
+
+    What printed nothing has the failure `crash`, with the last line of its complaint as the reason.
+    """
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    threads = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+    done = subprocess.run(command, env=os.environ | threads, capture_output=True, text=True, check=False)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    seconds = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    if not done.stdout.strip():
+        reason = (done.stderr.strip().splitlines() or [f"exit code {done.returncode}"])[-1]
+        return seconds, {"failure": "crash", "reason": reason}
+    return seconds, json.loads(done.stdout)
+
+
+def own(case: str, level: int) -> tuple[float, Values]:
+    """Run a case of the catalogue by the command line, in a temporary folder."""
+    with tempfile.TemporaryDirectory(prefix="ffsi-bench-") as out:
+        command = [sys.executable, "-m", "ffsi", "run", case, "--set", f"mesh.level={level}", "--json", "--out", out]
+        return processor_time(command)
+
+
+def peer(order: int, size: float, layers: int) -> tuple[float, Values]:
+    """Run FSI1 by NGSolve."""
+    seconds, found = processor_time([PEER_PYTHON, PEER_SCRIPT, str(order), str(size), str(layers)])
+    return seconds, found if "failure" in found else {"unknowns": found["unknowns"], "quantities": found}
+
+
+def alternating(tasks: Mapping[tuple[str, Any], Task], repeat: int) -> dict[tuple[str, Any], dict[str, Any]]:
+    """Do all tasks, one after the other, so many times; by key what the last one found, with the median `seconds`."""
+    times: dict[tuple[str, Any], list[float]] = {key: [] for key in tasks}
+    found: dict[tuple[str, Any], Values] = {}
+    for _ in range(repeat):
+        for key, task in tasks.items():
+            seconds, values = task()
+            times[key].append(seconds)
+            if not found.get(key, {}).get("failure"):  # one that failed counts
+                found[key] = values
+            name, failure = f"{key[0]} {key[1]}", values.get("failure")
+            (show.error if failure else show.note)(f"{name}: {values.get('reason') if failure else f'{seconds:.2f} s'}")
+    return {key: {**values, "seconds": median(times[key])} for key, values in found.items()}
+
+
+def reference(sample: Sample, finest: Values) -> ReferenceSet:
+    """Return what errors are taken against: the last source that is compared with, else the finest level's values."""
+    sources = compared(sample.case)
+    return sources[-1] if sources else ReferenceSet("the own finest level", finest.get("quantities", {}))
+
+
+def row(found: Values, source: ReferenceSet, quantities: Sequence[str], **labels: Any) -> dict[str, Any]:
+    """Return a line of the tables: of each quantity value and relative error `error_NAME`, the largest one `error`."""
+    line = {
+        **labels,
+        **{name: found.get(name) for name in ("unknowns", "seconds")},
+        "failure": found.get("failure", ""),
+    }
+    values = {} if line["failure"] else {name: found["quantities"][name] for name in quantities}
+    errors = {f"error_{name}": source.error(name, value) for name, value in values.items()}
+    return {**line, **values, **errors, "error": max(map(abs, errors.values()), default=math.nan)}
+
+
+def word(quantity: str) -> str:
+    """Return what a quantity is called in tables and pictures."""
+    return WORDS.get(quantity) or quantity.replace("_", " ")
+
+
+def error_columns(quantities: Sequence[str]) -> list[Column]:
+    """Return the columns of sizes and errors."""
+    errors = [Column(word(name), f"error_{name}", "%") for name in quantities]
+    return [*columns("unknowns | seconds :.2f"), *errors]
+
+
+Curve = tuple[str, Sequence[Values], str]  # label, rows, and the key of the error
+
+
+def draw(panels: Mapping[str, Sequence[Curve]]) -> Figure:
+    """Draw the sizes of errors over seconds and over unknowns, a column of panels for each title."""
+    figure = Figure(figsize=(4.0 * len(panels) + 1, 6.8), layout="constrained", facecolor="white")
+    shown = figure.subplots(2, len(panels), squeeze=False)
+    axis = {"seconds": "seconds of processor time", "unknowns": "unknowns"}
+    for column, (title, curves) in zip(shown.T, panels.items(), strict=True):
+        column[0].set_title(title, loc="left", fontsize=11, color=INK)
+        for axes, (key, name) in zip(column, axis.items(), strict=True):
+            for i, (label, rows, error) in enumerate(curves):
+                # The level that the others are compared with has the error 0.
+                points = [(line[key], 100 * abs(line[error])) for line in rows if line.get(error)]
+                style = {"color": LINES[i % len(LINES)], "marker": MARKERS[i % len(MARKERS)]}
+                if points:
+                    axes.plot(*zip(*points, strict=True), label=label, linewidth=1.4, markersize=5, **style)
+            logarithmic(axes, name)
+            dress(axes, "both", 0.6)
+        column[0].legend(frameon=False, fontsize=9, labelcolor=INK)
+    for axes in shown[:, 0]:
+        axes.set_ylabel("size of the relative error (%)", color=INK)
+    return figure
+
+
+def main_levels(*, repeat: int = 1, out: Place = None, readme: Place = None) -> list[str]:
+    """Run every sample on its levels, and print errors over processor time and unknowns."""
+    study = Study(repeated("bench --work-precision", repeat), out, readme, ["work-precision"])
+    tasks = {(x.case, level): partial(own, x.case, level) for x in SAMPLES for level in x.levels}
+    found = alternating(tasks, repeat)
+    parts: list[str | TextTable] = [LEVELS_TEXT]
+    rows: list[dict[str, Any]] = []
+    panels: dict[str, list[Curve]] = {}
+    for case, names, levels in SAMPLES:
+        source = reference(Sample(case, names), found[case, levels[-1]])
+        lines = [row(found[case, level], source, names, case=case, level=level) for level in levels]
+        shown = table(lines, [*columns("level"), *error_columns(names)], title=f"{case}, against {source.source}")
+        shown.print()
+        parts += [f"`{case}`, against {source.source}:", shown]
+        rows += lines
+        panels[shown.title] = [(f"${word(x)}$" if "_" in word(x) else word(x), lines, f"error_{x}") for x in names]
+    return _finish(study, "work-precision", parts, rows, panels, found.values())
+
+
+def main_peers(*, repeat: int = 1, out: Place = None, readme: Place = None) -> list[str]:
+    """Run FSI1 by this program and by NGSolve, alternating, and print errors over processor time and unknowns."""
+    if not PEER_PYTHON.is_file():
+        raise InputError(f"there is no {PEER_PYTHON}; `make bench-peers` makes that environment, and measures")
+    study = Study(repeated("bench --peers", repeat), out, readme, ["peers"])
+    tasks: dict[tuple[str, Any], Task] = {("ffsi", f"level {x}"): partial(own, FSI1.case, x) for x in FSI1.levels}
+    tasks |= {("NGSolve", f"P{p}, h {h:g} m, {layers} layers"): partial(peer, p, h, layers) for p, h, layers in SIZES}
+    found, source = alternating(tasks, repeat), reference(FSI1, {})
+    rows = [row(item, source, FSI1.quantities, program=key[0], mesh=key[1]) for key, item in found.items()]
+    sizes = table(rows, [*columns("program | mesh"), *error_columns(FSI1.quantities)], left=2, title=FSI1.case)
+    best = table(within(rows), WITHIN, left=3, title="The least processor time with all four quantities within")
+    sizes.print()
+    best.print()
+    curves = [(name, [line for line in rows if line["program"] == name], "error") for name in ("ffsi", "NGSolve")]
+    panels = {f"{FSI1.case}, the largest of four errors": curves}
+    return _finish(study, "peers", [PEERS_TEXT, sizes, f"{best.title}:", best], rows, panels, found.values())
+
+
+def within(rows: Sequence[Values]) -> list[dict[str, Any]]:
+    """Return by tolerance and program the cheapest row whose errors are all within; `ratio`: to NGSolve's seconds."""
+    made = []
+    for tolerance in TOLERANCES:
+        good = sorted((line for line in rows if line["error"] <= tolerance), key=lambda line: -float(line["seconds"]))
+        best = {line["program"]: line for line in good}  # the cheapest comes last
+        peers = best.get("NGSolve", {}).get("seconds", math.nan)
+        made += [{**x, "tolerance": f"{100 * tolerance:g} %", "ratio": x["seconds"] / peers} for x in best.values()]
+    return made
+
+
+WITHIN = (
+    *columns("within = tolerance | program | mesh | unknowns | seconds :.2f"),
+    Column("largest error", lambda line: unsigned(line["error"])),
+    *columns("of NGSolve's seconds = ratio :.2f"),
+)
+
+
+def _finish(
+    study: Study,
+    name: str,
+    parts: Sequence[str | TextTable],
+    rows: Sequence[Values],
+    panels: Mapping[str, Sequence[Curve]],
+    data: Iterable[Values],
+) -> list[str]:
+    """Write table and picture, replace the block, and return the failures."""
+    csv, picture = f"{name}.csv", f"{name}.png"
+    study.write({csv: lambda: pd.DataFrame(rows), picture: lambda: to_png(draw(panels))})
+    said = f"{study.written(data)} {TEXT}"
+    shown = [f"![Error over seconds and unknowns]({picture})", f"{said}{study.links('Values', [csv])}"]
+    return study.publish([line["failure"] for line in rows], {name: markdown([*parts, *shown])})
