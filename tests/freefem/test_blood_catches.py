@@ -38,7 +38,7 @@ BEATING = {"waveform": "mca", "ramp": 0.3}
 
 # Scene, text of the rendered script, the same with one other sign or factor.
 MUTATIONS = {
-    "pressure": (channel(PRESSURE), "= OutflowPressure(FlowRate(X));\n  WriteRaw", "= -OutflowPressure(FlowRate(X));\n  WriteRaw"),
+    "pressure": (channel(PRESSURE), *(f"= {sign}OutflowPressure(FlowRate(X));\n  WriteRaw" for sign in ("", "-"))),
     "pressure in time": (channel(PRESSURE, **BEATING), "Level = StepPressure(", "Level = -StepPressure("),
     "pressure, walls that move": (
         scene_of(*ROOF, *PRESSED),
