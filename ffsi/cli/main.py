@@ -167,15 +167,17 @@ def sensitivities(
 ) -> None:
     """Derivatives of the quantities of a steady case by its numbers, absolute in SI and logarithmic, p/J dJ/dp."""
     from ffsi.run.one_scene import solve
+    from ffsi.run.sensitivities import refuse_unknown
     from ffsi.run.sensitivities import sensitivities as table_of
 
     scene = load_scene(case, settings)
+    names, keys = ([name for name in text.split(",") if name] for text in (of, to))
+    refuse_unknown(scene, names, keys)
     if out is not None:
         folder.check_usable(out)
     with show.progress(scene.name) as on_event:
         result = solve(scene, out, on_event=on_event, sensitivities=True)
     if result.converged:
-        names, keys = ([name for name in text.split(",") if name] for text in (of, to))
         tables = [table_of(result, names, keys, logarithmic=logarithmic) for logarithmic in (False, True)]
         if json:
             parts = zip(("derivative", "logarithmic"), tables, strict=True)

@@ -10,7 +10,9 @@ from ffsi.files.arguments import path_of
 from ffsi.files.errors import InputError
 from ffsi.hemodynamics.result import Result
 from ffsi.run.one_scene import solve
-from ffsi.scene import Scene
+from ffsi.scene import Scene, scene_of
+from ffsi.script.quantities import QUANTITIES
+from ffsi.script.render import parameters
 from ffsi.text import nearest
 
 if TYPE_CHECKING:
@@ -47,7 +49,9 @@ def sensitivities(
         result = scene
     else:
         target = None if out is None else path_of(out, "out")
-        result = solve(scene.scene if isinstance(scene, Result) else scene, target, sensitivities=True)
+        asked = scene.scene if isinstance(scene, Result) else scene_of(scene)
+        refuse_unknown(asked, of, to)
+        result = solve(asked, target, sensitivities=True)
     if not result.converged:
         raise InputError(f"no sensitivities: {result.reason}")
     found = result.data["sensitivities"]
@@ -58,8 +62,24 @@ def sensitivities(
     return pd.DataFrame(table, dtype=float)
 
 
+def refuse_unknown(scene: Scene, of: Sequence[str], to: Sequence[str]) -> None:
+    """Refuse names that no run of the scene has, before one starts; raises InputError.
+
+    Quantities of parts and their other forms have the name of a quantity in front: `drag_beam_surface`.
+    """
+    stems = sorted({quantity.name for quantity in QUANTITIES})
+    _known(
+        [name for name in _listed(of) if not name.startswith(tuple(f"{stem}_" for stem in stems))], stems, "quantity"
+    )
+    _known(to, [parameter.key for parameter in parameters(scene) if parameter.kind == 1], "parameter")
+
+
+def _listed(names: Sequence[str]) -> list[str]:
+    return [names] if isinstance(names, str) else list(names)
+
+
 def _known(names: Sequence[str], accepted: Sequence[str], what: str) -> Sequence[str]:
-    names = [names] if isinstance(names, str) else list(names)
+    names = _listed(names)
     for name in names:
         if name not in accepted:
             guess = nearest(str(name), accepted)

@@ -95,3 +95,11 @@ def test_command_line(capsys):
         main(["sensitivities", "cook", *settings])
     printed = json.loads(capsys.readouterr().out)
     assert printed["logarithmic"]["traction.y"]["tip_uy"] == pytest.approx(0.848, abs=1e-3)  # it stiffens
+
+
+@pytest.mark.parametrize("names", [("--of", "drug"), ("--to", "fluid.viscosty")])
+def test_unknown_names_are_refused_before_anything_is_written(tmp_path, names, capsys):
+    with pytest.raises(SystemExit, match="2"):
+        main(["sensitivities", "turek-fsi1", *names, "--out", str(tmp_path / "out")])
+    assert "did you mean" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
