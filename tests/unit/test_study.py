@@ -15,7 +15,7 @@ from ffsi.hemodynamics.result import Result
 from ffsi.result.table import problems as table_problems
 from ffsi.run import sweep as study
 from ffsi.run.sweep import sweep
-from ffsi.scene import load_scene
+from ffsi.scene import load_scene, with_values
 
 pytestmark = pytest.mark.usefixtures("check")
 KEY = "inflow.mean_velocity"
@@ -320,3 +320,12 @@ def test_rows_are_no_product(tmp_path, freefem):
     sweep(SCENE, [{KEY: 0.01}, {KEY: 0.02, "output.pictures": False}], tmp_path / "s")
     with pytest.raises(InputError, match="no product"):
         ffsi.Study(tmp_path / "s").to_xarray()
+
+
+def test_of_a_study_the_last_point_is_drawn_however_many_workers_it_has(tmp_path, freefem):
+    scene = with_values(SCENE, {"output.pictures": True})
+    for jobs in (1, 2):
+        table = sweep(scene, {KEY: [0.01, 0.02, 0.03, 0.04, 0.05, 0.06]}, tmp_path / f"{jobs}", jobs=jobs)
+        assert table["folder"].nunique() == jobs
+        last = tmp_path / f"{jobs}" / table["folder"].iloc[-1] / f"velocity-{table['point'].iloc[-1]:04d}.png"
+        assert list((tmp_path / f"{jobs}").glob("*/velocity-*.png")) == [last]
