@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import logging
-import re
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -20,7 +19,7 @@ from ffsi.files import folder, machine
 from ffsi.files.errors import InputError
 from ffsi.freefem import FreeFEMError
 from ffsi.result.study_definition import Design
-from ffsi.scene import MeshGeometry, Scene, SceneError, load_scene
+from ffsi.scene import Scene, SceneError, load_scene
 from ffsi.text import nearest, printable
 
 if TYPE_CHECKING:
@@ -58,16 +57,6 @@ def options(
     ] = False,
 ) -> None:
     """Strongly coupled fluid-structure interaction in 2D with FreeFEM: solve, check, study, report."""
-
-
-@app.command()
-def cases(json: AsJson = False) -> None:
-    """List the cases of the catalogue."""
-    entries = show.catalogue()
-    if json:
-        sys.stdout.write(folder.to_json(entries))
-    else:
-        show.cases(entries)
 
 
 for name, command in scenes.COMMANDS.items():
@@ -206,32 +195,6 @@ def animate(
     if output is not None:
         check_output(output)
     _animate(result, name, output or directory / f"{name}.gif")
-
-
-@app.command()
-def render(
-    case: Case,
-    output: Annotated[
-        Path | None, typer.Option("-o", "--output", help="Write the script here instead of stdout.", show_default=False)
-    ] = None,
-    settings: Settings = [],  # noqa: B006
-) -> None:
-    """Write the FreeFEM script of a case; with -o, also the mesh of a scene that has its own, beside it."""
-    from ffsi.script.render import render as render_script
-
-    scene = load_scene(case, settings)
-    if output is not None:
-        check_output(output)
-    if output is None:
-        sys.stdout.write(render_script(scene))
-        return
-    mesh = output.with_suffix(".mesh")
-    text = render_script(scene, mesh_file=mesh.name)
-    if isinstance(scene.geometry, MeshGeometry):
-        if not re.fullmatch(r"[\w. -]+", mesh.name):
-            raise InputError(f"{mesh.name!r}: the mesh beside the script needs a name of letters, digits and . - _")
-        scene.geometry.write(mesh)
-    folder.write_text(output, text)
 
 
 @app.command()

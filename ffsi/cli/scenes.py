@@ -1,4 +1,4 @@
-"""Commands about scenes before anything is solved: what can be set, a new one, what one looks like."""
+"""Commands about scenes before anything is solved: what can be set, a new one, what one looks like, its script."""
 
 from __future__ import annotations
 
@@ -23,12 +23,21 @@ from ffsi.cli.arguments import AsJson, Case, Settings, check_output
 from ffsi.files import folder, machine
 from ffsi.files.errors import InputError
 from ffsi.freefem import FreeFEMNotFound
-from ffsi.scene import CASES, Scene, SceneError, load_scene
+from ffsi.scene import CASES, MeshGeometry, Scene, SceneError, load_scene
 from ffsi.text import listed, nearest, printable
 
 if TYPE_CHECKING:
     from ffsi.run.meshing import Meshed
     from ffsi.scene.keys import Key
+
+
+def cases(json: AsJson = False) -> None:
+    """List the cases of the catalogue."""
+    entries = printed.catalogue()
+    if json:
+        sys.stdout.write(folder.to_json(entries))
+    else:
+        printed.cases(entries)
 
 
 def keys(
@@ -298,4 +307,36 @@ def _answer(question: str, default: str, accepted: Sequence[str], check: _Check)
         return str(text)
 
 
-COMMANDS: dict[str, Callable[..., None]] = {"keys": keys, "schema": schema, "new": new, "show": show}
+def render(
+    case: Case,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", help="Write the script here instead of stdout.", show_default=False)
+    ] = None,
+    settings: Settings = [],  # noqa: B006
+) -> None:
+    """Write the FreeFEM script of a case; with -o, also the mesh of a scene that has its own, beside it."""
+    from ffsi.script.render import render as render_script
+
+    scene = load_scene(case, settings)
+    if output is not None:
+        check_output(output)
+    if output is None:
+        sys.stdout.write(render_script(scene))
+        return
+    mesh = output.with_suffix(".mesh")
+    text = render_script(scene, mesh_file=mesh.name)
+    if isinstance(scene.geometry, MeshGeometry):
+        if not re.fullmatch(r"[\w. -]+", mesh.name):
+            raise InputError(f"{mesh.name!r}: the mesh beside the script needs a name of letters, digits and . - _")
+        scene.geometry.write(mesh)
+    folder.write_text(output, text)
+
+
+COMMANDS: dict[str, Callable[..., None]] = {
+    "cases": cases,
+    "keys": keys,
+    "schema": schema,
+    "render": render,
+    "new": new,
+    "show": show,
+}

@@ -176,7 +176,7 @@ def test_an_error_that_nobody_expected_never_ends_with_1(capsys, monkeypatch, er
     def fail(*_):
         raise error
 
-    monkeypatch.setattr("ffsi.cli.main.load_scene", fail)
+    monkeypatch.setattr("ffsi.cli.scenes.load_scene", fail)
     found, out, err = call(capsys, "render", "cook")
     assert (found, out) == (code, "")
     assert said in err
