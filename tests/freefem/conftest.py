@@ -21,8 +21,7 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 # Parts of tests' names, as `pytest -v` prints them: variations of what a shorter test covers. `make verify` runs them.
 LONG = (
     "test_aneurysm.py::test_a_cycle_is_the_trapezoidal_sum_over_its_states[newtonian]",
-    "test_aneurysm.py::test_the_sums_survive_a_kill",
-    "test_blood.py::test_a_damped_support_slows_the_roof",
+    "test_aneurysm.py::test_the_sums_survive_a_kill", "test_blood.py::test_a_damped_support_slows_the_roof",
     "test_blood.py::test_against_backflow_the_reversed_flow_stays_bounded",
     "test_blood.py::test_an_oscillating_channel_flow_is_womersleys",
     "test_blood.py::test_both_solvers_of_a_step_find_the_same_with_a_support",
@@ -30,19 +29,14 @@ LONG = (
     *(f"test_direct.py::test_the_same_numbers_as_through_python[{case}" for case in ("flap", "aneurysm-", "turek-c")),
     *(f"test_failures.py::test_a_killed_sweep_keeps_its_points_and_goes_on[{name}]" for name in ("SIGINT", "SIGTERM")),
     "test_errors.py::test_bars_cover_the_difference_to_a_finer_mesh[cook",
-    "test_errors.py::test_the_chain_goes_on_from_the_coarse_mesh",
-    "test_new_geometry.py::test_mistakes_are_caught",
+    "test_errors.py::test_the_chain_goes_on_from_the_coarse_mesh", "test_new_geometry.py::test_mistakes_are_caught",
     "test_new_outlet.py::test_a_steady_flow_has_its_resistance_alone",
-    "test_new_outlet.py::test_a_wrong_sign_is_caught[signs1]",
-    "test_new_outlet.py::test_it_goes_in_time[cylinder-2d2]",
+    "test_new_outlet.py::test_a_wrong_sign_is_caught[signs1]", "test_new_outlet.py::test_it_goes_in_time[cylinder-2d2]",
     "test_newton.py::test_steps_with_a_too_small_jacobian_are_refused",
-    "test_new_quantity.py::test_a_wrong_sign_is_caught",
-    "test_remote.py",
+    "test_new_quantity.py::test_a_wrong_sign_is_caught", "test_remote.py",
     "test_rest_and_scales.py::test_a_pressure_of_any_height_behind_the_outlet_changes_no_velocity[windkessel-time1]",
-    *(
-        f"test_sensitivities.py::test_they_are_those_of_differences_of_solutions[{case}"
-        for case in ("aneurysm", "flap-m", "flap-neo", "turek-c", "cantilever")
-    ),
+    *(f"test_sensitivities.py::test_they_are_those_of_differences_of_solutions[{case}" for case in ("aneurysm",
+        "flap-m", "flap-neo", "turek-c", "cantilever")),
     "test_step_solvers.py::test_both_solvers_give_the_same_history[mixed]",
     "test_sensitivities.py::test_they_are_those_of_differences_of_solutions[cavity",
     "test_step_solvers.py::test_a_finished_run_goes_on_to_a_later_end[without one]",
@@ -53,13 +47,11 @@ LONG = (
     "test_sweep.py::test_a_collapsed_solid_is_named_with_its_place",
     "test_sweep.py::test_points_that_failed_are_not_tried_again",
     "test_sweep.py::test_what_was_solved_before_the_collapse_is_kept",
-    *(
-        f"test_unsteady.py::test_a_script_killed_at_any_moment_comes_to_the_same_when_it_goes_on[{i}]"
-        for i in range(1, 5)
-    ),
+    *(f"test_unsteady.py::test_a_script_killed_at_any_moment_comes_to_the_same_when_it_goes_on[{i}]" for i in range(1,
+        5)),
     "test_unsteady.py::test_killed_twice",
     *(f"test_viscosity_laws.py::test_in_time_with_an_elastic_body[{law}]" for law in ("casson", "power-law")),
-)
+)  # fmt: skip
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -109,12 +101,8 @@ def run_text(installation, tmp_path) -> Callable[..., Path]:
         out = tmp_path / "out"
         out.mkdir()
         return out, run_script(
-            script,
-            {"out": out, **arguments},
-            installation=installation,
-            log=tmp_path / "log",
-            cwd=tmp_path,
+            script, {"out": out, **arguments}, installation=installation, log=tmp_path / "log", cwd=tmp_path,
             time_limit=60,
-        )
+        )  # fmt: skip
 
     return run_text

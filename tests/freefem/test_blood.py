@@ -14,12 +14,8 @@ from ffsi.scene import CASES, Scene
 
 RAMPED = {"mean_velocity": 0.1, "waveform": "mca", "ramp": 0.2}
 WINDKESSEL = {
-    "kind": "windkessel",
-    "proximal_resistance": 60.0,
-    "distal_resistance": 40.0,
-    "compliance": 0.02,
-    "pressure": 2.0,
-}
+    "kind": "windkessel", "proximal_resistance": 60.0, "distal_resistance": 40.0, "compliance": 0.02, "pressure": 2.0,
+}  # fmt: skip
 
 
 def rigid(**tables: object) -> Scene:
@@ -181,13 +177,11 @@ def test_against_backflow_the_reversed_flow_stays_bounded(run):
 def test_the_traction_against_backflow_in_a_channel(run, kind):
     """sigma n = -beta rho |v.n| v at the outlet: a flow inwards has the pressure -beta rho v^2 there."""
     tables = {
-        "name": "reversed",
-        "geometry": {"kind": "channel", "length": 3.0, "height": 1.0},
-        "mesh": {"level": 1},
+        "name": "reversed", "geometry": {"kind": "channel", "length": 3.0, "height": 1.0}, "mesh": {"level": 1},
         "fluid": {"density": 2.0, "viscosity": 1.0},
         "inflow": {"mean_velocity": 1.0, "profile": "-1.5 * 4 * y * (H - y) / H^2"},
         "output": {"vtu": False, "pictures": False},
-    }
+    }  # fmt: skip
     none = run(Scene.model_validate(tables | {"outlet": {"kind": kind}}))
     some = run(Scene.model_validate(tables | {"outlet": {"kind": kind, "backflow": 0.4}}))
     # far from the outlet both are Poiseuille's flow: the difference of the pressures is a constant, near to the
@@ -225,16 +219,12 @@ def test_an_oscillating_channel_flow_is_womersleys(run):
     viscosity = 0.1745
     scene = Scene.model_validate(
         {
-            "name": "womersley",
-            "geometry": {"kind": "channel", "length": 2.0, "height": 1.0},
-            "mesh": {"level": 0},
+            "name": "womersley", "geometry": {"kind": "channel", "length": 2.0, "height": 1.0}, "mesh": {"level": 0},
             "fluid": {"density": 1.0, "viscosity": viscosity},
-            "inflow": {"flow_rate": 1.0, "profile": "womersley", "waveform": "sinus"},
-            "outlet": {"kind": "do-nothing"},
-            "time": {"step": 0.0125, "end": 3.0, "output_interval": 0.125},
-            "output": {"vtu": False, "pictures": False},
+            "inflow": {"flow_rate": 1.0, "profile": "womersley", "waveform": "sinus"}, "outlet": {"kind": "do-nothing"},
+            "time": {"step": 0.0125, "end": 3.0, "output_interval": 0.125}, "output": {"vtu": False, "pictures": False},
         }
-    )
+    )  # fmt: skip
     result = run(scene)
     y = np.linspace(-0.5, 0.5, 41)
     steps = [step for step in result.saved_steps if step.time > 2]

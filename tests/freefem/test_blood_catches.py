@@ -15,14 +15,10 @@ WINDKESSEL = {"kind": "windkessel", "proximal_resistance": 3.0, "distal_resistan
 def channel(outlet: dict[str, object], **inflow: object) -> Scene:
     """Return a flow in a channel, in time if it has a waveform."""
     table: dict[str, object] = {
-        "name": "channel",
-        "geometry": {"kind": "channel", "length": 2.0, "height": 1.0},
-        "mesh": {"level": 0},
-        "fluid": {"density": 1.0, "viscosity": 0.1},
-        "inflow": {"mean_velocity": 1.0} | inflow,
-        "outlet": outlet,
+        "name": "channel", "geometry": {"kind": "channel", "length": 2.0, "height": 1.0}, "mesh": {"level": 0},
+        "fluid": {"density": 1.0, "viscosity": 0.1}, "inflow": {"mean_velocity": 1.0} | inflow, "outlet": outlet,
         "output": {"vtu": False, "pictures": False},
-    }
+    }  # fmt: skip
     if "waveform" in inflow:
         table["time"] = {"step": 0.1, "end": 0.4, "output_interval": 0.2}
     return Scene.model_validate(table)

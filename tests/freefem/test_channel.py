@@ -19,14 +19,10 @@ SLOPE = 12 * VISCOSITY * MEAN / HEIGHT**2  # pressure gradient of Poiseuille flo
 def channel(**tables: Any) -> Scene:
     """Return a vessel of 16 mm with Newtonian blood, at level 0, without pictures unless the tables say otherwise."""
     table = {
-        "name": "channel",
-        "geometry": {"kind": "channel", "length": LENGTH, "height": HEIGHT},
-        "mesh": {"level": 0},
-        "fluid": {"density": DENSITY, "viscosity": VISCOSITY},
-        "inflow": {"mean_velocity": MEAN},
-        "outlet": {"kind": "do-nothing"},
-        "output": {"pictures": False, "vtu": False},
-    }
+        "name": "channel", "geometry": {"kind": "channel", "length": LENGTH, "height": HEIGHT}, "mesh": {"level": 0},
+        "fluid": {"density": DENSITY, "viscosity": VISCOSITY}, "inflow": {"mean_velocity": MEAN},
+        "outlet": {"kind": "do-nothing"}, "output": {"pictures": False, "vtu": False},
+    }  # fmt: skip
     return Scene.model_validate(table | tables)
 
 

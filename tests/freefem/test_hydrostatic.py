@@ -11,12 +11,9 @@ from ffsi.scene import Scene, load_scene
 QUIET = ["mesh.level=0", "output.pictures=false", "output.vtu=false"]
 ACROSS = ["gravity.y=-9.81", "gravity.x=3", "outlet.hydrostatic=true"]
 KINDS = {
-    "do-nothing": [],
-    "zero-traction": [],
-    "pressure": ["outlet.pressure=5"],
-    "resistance": ["outlet.resistance=3"],
+    "do-nothing": [], "zero-traction": [], "pressure": ["outlet.pressure=5"], "resistance": ["outlet.resistance=3"],
     "windkessel": ["outlet.proximal_resistance=1", "outlet.distal_resistance=2", "outlet.compliance=0.1"],
-}
+}  # fmt: skip
 AREA = math.pi * 0.05**2  # of the cylinder, m^2; the density is 1 kg/m^3
 
 
@@ -40,16 +37,12 @@ def test_rest() -> None:
     """Exact where no triangle is curved: p = rho g.(x - x0), with x0 the outlet's upper end."""
     scene = Scene.model_validate(
         {
-            "name": "rest",
-            "geometry": {"kind": "channel", "length": 2.0, "height": 0.5},
-            "mesh": {"level": 0},
-            "fluid": {"density": 1000.0, "viscosity": 1.0},
-            "inflow": {"mean_velocity": 0.0},
-            "outlet": {"kind": "do-nothing", "hydrostatic": True},
-            "gravity": {"x": 3.0, "y": -9.81},
+            "name": "rest", "geometry": {"kind": "channel", "length": 2.0, "height": 0.5}, "mesh": {"level": 0},
+            "fluid": {"density": 1000.0, "viscosity": 1.0}, "inflow": {"mean_velocity": 0.0},
+            "outlet": {"kind": "do-nothing", "hydrostatic": True}, "gravity": {"x": 3.0, "y": -9.81},
             "output": {"pictures": False, "vtu": False},
         }
-    )
+    )  # fmt: skip
     rest = solve(scene)
     assert rest.converged, rest.reason
     x, y = rest.fields.points.T

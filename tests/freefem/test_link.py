@@ -33,13 +33,9 @@ def run(installation, tmp_path):
         script = tmp_path / "case.edp"
         script.write_text(text)
         return run_script(
-            script,
-            arguments,
-            installation=installation,
-            log=tmp_path / "log",
-            cwd=tmp_path,
+            script, arguments, installation=installation, log=tmp_path / "log", cwd=tmp_path,
             **{"time_limit": 30, **options},
-        )
+        )  # fmt: skip
 
     return run
 

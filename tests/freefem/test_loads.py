@@ -150,14 +150,12 @@ def test_a_plate_that_is_pulled(material, plane, tmp_path):
 
 # A wrong sign does not pass.
 WRONG = {
-    "steady": (
-        "m = -1.*m; AddBlock(m, fieldFrom[momentumY], uxFrom, free);",
-        "AddBlock(m, fieldFrom[momentumY], uxFrom, free);",
-    ),
+    "steady": ("m = -1.*m; AddBlock(m, fieldFrom[momentumY], uxFrom, free);",
+        "AddBlock(m, fieldFrom[momentumY], uxFrom, free);"),
     "normal": ("loadNormalX[j]; loadForceX -=", "loadNormalX[j]; loadForceX +="),
     "in time": ("loadPart *= p; loadForceY += loadPart;", "loadPart *= p; loadForceY -= loadPart;"),
     "waveform": ("SetLoadFactors(timeNow+timeTheta*timeK);", "SetLoadFactors(timeNow+timeK);"),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", WRONG)

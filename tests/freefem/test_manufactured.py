@@ -74,10 +74,8 @@ def both(
         return vector(0.0 * x, swing.rate(t) * shape(x)) + beating(t) * curl
 
     fluid = Exact(
-        u=lambda x, t: swing(t) * field(FLUID)(x),
-        velocity=velocity,
-        p=lambda place, t: beating(t) * pressure(place),
-    )
+        u=lambda x, t: swing(t) * field(FLUID)(x), velocity=velocity, p=lambda place, t: beating(t) * pressure(place),
+    )  # fmt: skip
     return Solution({FLUID: fluid, **solid(swing, field(SOLID)).exact}, WEIGHT)
 
 
@@ -107,14 +105,10 @@ def pressure_of_stretch(x, t):
 def planes_above(stream: Callable, gradient: tuple[float, float]) -> Solution:
     """Linear displacements, a linear pressure, a velocity of one degree more than the stream function."""
     return both(
-        SWINGING,
-        shape=lambda x: 0.3 + 0.8 * x,
-        slope=lambda x: 0.8 + 0.0 * x,
+        SWINGING, shape=lambda x: 0.3 + 0.8 * x, slope=lambda x: 0.8 + 0.0 * x,
         parts={FLUID: lambda x: vector(0.6 + 0.0 * x[:, 0], 1.6), SOLID: lambda x: vector(-0.5 + 0.0 * x[:, 0], 0.7)},
-        stream=stream,
-        stream_gradient=lambda x: gradient,
-        pressure=lambda x: 5.0 * planes(x),
-    )
+        stream=stream, stream_gradient=lambda x: gradient, pressure=lambda x: 5.0 * planes(x),
+    )  # fmt: skip
 
 
 def thinning(solution: Solution) -> Solution:
@@ -128,16 +122,12 @@ def thinning(solution: Solution) -> Solution:
 AT_REST = Swing(0.0)
 WAVES = {
     "solid": solid(AT_REST, lambda x: 0.5 * waves(2 * x)),
-    "both": both(
-        AT_REST,
-        shape=lambda x: np.sin(2 * x + 0.4),
-        slope=lambda x: 2 * np.cos(2 * x + 0.4),
+    "both": both(AT_REST, shape=lambda x: np.sin(2 * x + 0.4), slope=lambda x: 2 * np.cos(2 * x + 0.4),
         parts={FLUID: lambda x: waves(x)[:, ::-1], SOLID: waves},
         stream=lambda x: np.cos(1.2 * x[:, 0] - 0.7 * x[:, 1]),
         stream_gradient=lambda x: np.array([[-1.2], [0.7]]) * np.sin(1.2 * x[:, 0] - 0.7 * x[:, 1]),
-        pressure=lambda x: 2.0 * np.cos(2 * x[:, 0] + 1.5 * x[:, 1]) * np.sin(1.0 + x[:, 1]),
-    ),
-}
+        pressure=lambda x: 2.0 * np.cos(2 * x[:, 0] + 1.5 * x[:, 1]) * np.sin(1.0 + x[:, 1])),
+}  # fmt: skip
 # In time: fields that the elements hold exactly, so that every error is one of time.
 EXACT = {
     "solid": solid(SWINGING, parabolas),
@@ -242,30 +232,18 @@ def new_gradients(*pairs):
 
 # Kind, what is made of the script, largest order that the worst field may still have.
 MUTATIONS = {
-    "pressure on the new surface": (
-        "both",
-        new_gradients(("F11", "oldF11"), ("F22", "oldF22"), ("a(:, DXUY)", "oldF21"), ("a(:, DYUX)", "oldF12")),
-        1.2,
-    ),
-    "pressure of a solid on its new surface": (
-        "incompressible",
-        [("G(:, k) *= timeTheta; G(:, k) += solidOldGradient[s](:, k);", "G(:, k) *= 1;")],
-        1.2,
-    ),
+    "pressure on the new surface": ("both",
+        new_gradients(("F11", "oldF11"), ("F22", "oldF22"), ("a(:, DXUY)", "oldF21"), ("a(:, DYUX)", "oldF12")), 1.2),
+    "pressure of a solid on its new surface": ("incompressible",
+        [("G(:, k) *= timeTheta; G(:, k) += solidOldGradient[s](:, k);", "G(:, k) *= 1;")], 1.2),
     "no mesh velocity": ("both", [(f"meshV{c} *= 1/timeK;", f"meshV{c} = 0;") for c in "XY"], 0.2),
-    "J of the new state": (
-        "both",
-        [("work = fluidDensity*(1-timeTheta)*oldJ;", "work = fluidDensity*(1-timeTheta)*fluidJ;")],
-        1.7,
-    ),
-    "stress of the new state": (
-        "solid",
-        [("solidSecond[s] *= timeTheta; solidSecond[s] += solidOldSecond[s];", "")],
-        1.2,
-    ),
+    "J of the new state": ("both",
+        [("work = fluidDensity*(1-timeTheta)*oldJ;", "work = fluidDensity*(1-timeTheta)*fluidJ;")], 1.7),
+    "stress of the new state": ("solid", [("solidSecond[s] *= timeTheta; solidSecond[s] += solidOldSecond[s];", "")],
+        1.2),
     "no outlet's term of the old state": ("both", [("nodes = outletXY*old; nodes *= 1-timeTheta;", "nodes = 0;")], 0.5),
     "convection": ("both", [("S11 += G12.*relativeY;", "S11 -= G12.*relativeY;")], 0.2),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(("kind", "mutation", "most"), MUTATIONS.values(), ids=MUTATIONS)

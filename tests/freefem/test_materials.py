@@ -28,11 +28,9 @@ COMPRESSIBLE = {
 }
 INCOMPRESSIBLE = {"neo-hookean": {"lame_mu": 70.0}, "mooney-rivlin": {"c10": 25.0, "c01": 12.0}}
 FORMS = [
-    (material, formulation)
-    for material in COMPRESSIBLE
-    for formulation in ("displacement", "mixed", "incompressible")
+    (material, formulation) for material in COMPRESSIBLE for formulation in ("displacement", "mixed", "incompressible")
     if formulation == "displacement" or material in INCOMPRESSIBLE
-]
+]  # fmt: skip
 # Other pairs of elastic constants, whose formulas stand in the scripts.
 LAMBDA_MU, MU_NU = {"lame_lambda": 170.0, "lame_mu": 70.0}, {"lame_mu": 70.0, "poisson_ratio": 0.35}
 PAIRS = [
@@ -89,14 +87,12 @@ PRESSURES = 50.0 * np.cos(np.arange(len(GRADIENTS)))
 # Arguments grad u by rows and p of what the tests ask for.
 ARGUMENTS = {
     "deformed": np.column_stack([GRADIENTS.reshape(-1, 4), PRESSURES]),
-    "turned": np.column_stack(
-        [(rotations(ANGLES) @ (IDENTITY + GRADIENTS) - IDENTITY).reshape(-1, 4), PRESSURES],
-    ),
+    "turned": np.column_stack([(rotations(ANGLES) @ (IDENTITY + GRADIENTS) - IDENTITY).reshape(-1, 4), PRESSURES]),
     "rest": np.zeros((1, 5)),
     "rotation": np.column_stack([(rotations(ANGLES) - IDENTITY).reshape(-1, 4), 0.0 * ANGLES]),
     "plus": STEP * np.eye(5),
     "minus": -STEP * np.eye(5),
-}
+}  # fmt: skip
 
 
 class Fluxes:

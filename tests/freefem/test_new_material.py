@@ -226,12 +226,9 @@ def changed(text: str, changes: list[tuple[str, str]]) -> str:
 @pytest.fixture(scope="module")
 def mixed_copy(tmp_path_factory) -> Path:
     pieces = Pieces(
-        library=PIECES.library + VOLUME,
-        path=PIECES.path,
-        scene=changed(PIECES.scene, SCENE_CHANGES),
-        law=changed(PIECES.law, LAW_CHANGES) + SPLIT,
-        entry=changed(PIECES.entry, ENTRY_CHANGES),
-    )
+        library=PIECES.library + VOLUME, path=PIECES.path, scene=changed(PIECES.scene, SCENE_CHANGES),
+        law=changed(PIECES.law, LAW_CHANGES) + SPLIT, entry=changed(PIECES.entry, ENTRY_CHANGES),
+    )  # fmt: skip
     return with_material(tmp_path_factory.mktemp("mixed-copy"), pieces)
 
 

@@ -95,15 +95,10 @@ def test_a_fluid_at_rest_carries_the_cylinder(step):
 def test_water_at_rest_in_a_channel_of_metres_is_weighed_by_its_floor():
     """The velocity of its fall, sqrt(g L), is a Reynolds number of 3e6: as a unit it made a singular matrix of rest."""
     scene = {
-        "name": "basin",
-        "geometry": {"kind": "channel", "length": 3.0, "height": 1.0},
-        "mesh": {"level": 0},
-        "fluid": {"density": 1000.0, "viscosity": 1e-3},
-        "inflow": {"mean_velocity": 0.0},
-        "outlet": {"kind": "do-nothing", "hydrostatic": True},
-        "gravity": {"y": -9.81},
-        "output": QUIET,
-    }
+        "name": "basin", "geometry": {"kind": "channel", "length": 3.0, "height": 1.0}, "mesh": {"level": 0},
+        "fluid": {"density": 1000.0, "viscosity": 1e-3}, "inflow": {"mean_velocity": 0.0},
+        "outlet": {"kind": "do-nothing", "hydrostatic": True}, "gravity": {"y": -9.81}, "output": QUIET,
+    }  # fmt: skip
     result = solve(Scene.model_validate(scene))
     assert result.converged, result.reason
     assert result.quantities["lift"] == pytest.approx(-1000 * 9.81 * 3.0, rel=1e-9)
@@ -158,23 +153,17 @@ def test_a_sweep_through_zero_halves_no_step(tmp_path):
 @pytest.mark.parametrize("time", [None, {"step": 0.01, "end": 0.05}])
 @pytest.mark.parametrize(
     ("outlet", "pressure"),
-    [
-        ({"kind": "pressure", "pressure": 13332.0}, 13332.0),
-        ({"kind": "windkessel", "proximal_resistance": 1e14, "distal_resistance": 3e14, "compliance": 1e-20}, 8e10),
-    ],
+    [({"kind": "pressure", "pressure": 13332.0}, 13332.0),
+     ({"kind": "windkessel", "proximal_resistance": 1e14, "distal_resistance": 3e14, "compliance": 1e-20}, 8e10)],
     ids=["pressure", "windkessel"],
-)
+)  # fmt: skip
 def test_a_pressure_of_any_height_behind_the_outlet_changes_no_velocity(outlet, pressure, time):
     def channel(outlet):
         scene = {
-            "name": "channel",
-            "geometry": {"kind": "channel", "length": 1e-2, "height": 2e-3},
-            "mesh": {"level": 0},
-            "fluid": {"density": 1060.0, "viscosity": 3.5e-3},
-            "inflow": {"mean_velocity": 0.1},
-            "outlet": outlet,
+            "name": "channel", "geometry": {"kind": "channel", "length": 1e-2, "height": 2e-3}, "mesh": {"level": 0},
+            "fluid": {"density": 1060.0, "viscosity": 3.5e-3}, "inflow": {"mean_velocity": 0.1}, "outlet": outlet,
             "output": QUIET,
-        }
+        }  # fmt: skip
         result = solve(Scene.model_validate(scene | ({"time": time} if time else {})))
         assert result.converged, result.reason
         return result
@@ -193,13 +182,9 @@ def test_the_pressure_behind_the_outlet_presses_on_the_floor(tmp_path, time):
     lifts = []
     for pressure in (0.0, 1e5):
         scene = {
-            "name": "floor",
-            "geometry": geometry,
-            "fluid": {"density": 1.0, "viscosity": 0.1},
-            "inflow": {"mean_velocity": 1.0},
-            "outlet": {"kind": "pressure", "pressure": pressure},
-            "output": QUIET,
-        }
+            "name": "floor", "geometry": geometry, "fluid": {"density": 1.0, "viscosity": 0.1},
+            "inflow": {"mean_velocity": 1.0}, "outlet": {"kind": "pressure", "pressure": pressure}, "output": QUIET,
+        }  # fmt: skip
         result = solve(Scene.model_validate(scene | ({"time": time} if time else {})))
         assert result.converged, result.reason
         lifts.append(result.last_quantities["lift"])

@@ -191,12 +191,9 @@ def test_the_mesh_of_a_case_gives_its_result(turn, solved, tmp_path) -> None:
     tables = tomllib.loads(case.scene.to_toml())
     tip = rotation @ case.scene.tip
     tables["geometry"] = {
-        "kind": "mesh",
-        "file": "flap.mesh",
-        "regions": {"fluid": 1, "flap": 2},
-        "boundaries": {"inlet": 1, "outlet": 2, "walls": 3, "clamped": 6},
-        "tip": {"x": tip[0], "y": tip[1]},
-    }
+        "kind": "mesh", "file": "flap.mesh", "regions": {"fluid": 1, "flap": 2},
+        "boundaries": {"inlet": 1, "outlet": 2, "walls": 3, "clamped": 6}, "tip": {"x": tip[0], "y": tip[1]},
+    }  # fmt: skip
     del tables["mesh"]
     (tmp_path / "scene.toml").write_text(tomli_w.dumps(tables))
     out = tmp_path / "run"

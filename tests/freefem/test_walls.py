@@ -28,11 +28,9 @@ def channel(folder, boundaries, **tables) -> Scene:
     path = write_mesh(folder / "channel.msh", structured_mesh(x, y, lambda x, y: 1, label), {"fluid": 1}, NAMES)
     precise = {"step_tolerance": 1e-12} if "time" in tables else {}
     flow = {
-        "solver": precise,
-        "fluid": WATER,
-        "outlet": {"kind": "do-nothing"},
+        "solver": precise, "fluid": WATER, "outlet": {"kind": "do-nothing"},
         "inflow": {"mean_velocity": 1.5, "profile": "uniform"},
-    }
+    }  # fmt: skip
     return scene_on(path, {"inlet": "in", "outlet": "out", **boundaries}, {"fluid": "fluid"}, **{**flow, **tables})
 
 
@@ -101,17 +99,10 @@ def flap(folder, half: bool, **tables) -> Scene:
     sides |= {"symmetry": "high"} if half else {}
     profile = {"profile": "6*y*(1-y)"}
     return scene_on(
-        path,
-        sides,
-        {"fluid": "water", "block": "block"},
-        **{
-            "fluid": WATER,
-            "solid": {"block": RUBBER},
-            "outlet": {"kind": "do-nothing"},
-            "inflow": {"mean_velocity": 1.0, **profile},
-            **tables,
-        },
-    )
+        path, sides, {"fluid": "water", "block": "block"},
+        **{"fluid": WATER, "solid": {"block": RUBBER}, "outlet": {"kind": "do-nothing"},
+            "inflow": {"mean_velocity": 1.0, **profile}, **tables},
+    )  # fmt: skip
 
 
 @pytest.mark.parametrize("time", [None, {"step": 0.02, "end": 0.1}], ids=["steady", "in time"])
@@ -172,14 +163,11 @@ def test_a_wrong_velocity_of_a_wall_is_caught(path, old, new, tmp_path):
 
 REFUSED = [
     ({"walls": ["low", "high"]}, {"high": {"velocity_y": 1}}, "walls.high: at .* it would move through itself"),
-    (
-        {"walls": ["low", "high"]},
-        {"hihg": {"velocity_x": 1}},
-        'walls.hihg: no wall that can move; accepted: "low", "high"',
-    ),
+    ({"walls": ["low", "high"]}, {"hihg": {"velocity_x": 1}},
+     'walls.hihg: no wall that can move; accepted: "low", "high"'),
     ({"walls": ["low", "high"]}, {"high": {"waveform": "t"}}, "walls.high.waveform.*only accepted in a scene with"),
     ({"walls": "low", "slip": "nothing"}, {}, "no such boundary"),
-]
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(("sides", "walls", "text"), REFUSED)
@@ -201,10 +189,6 @@ def test_a_slip_wall_along_no_axis_is_refused(tmp_path):
     )
     with pytest.raises(SceneError, match=r"parallel to no axis; accepted: straight pieces along x or y"):
         scene_on(
-            path,
-            {"inlet": "in", "outlet": "out", "slip": "sides"},
-            {"fluid": "fluid"},
-            fluid=WATER,
-            outlet={"kind": "do-nothing"},
-            inflow={"mean_velocity": 1},
-        )
+            path, {"inlet": "in", "outlet": "out", "slip": "sides"}, {"fluid": "fluid"}, fluid=WATER,
+            outlet={"kind": "do-nothing"}, inflow={"mean_velocity": 1},
+        )  # fmt: skip

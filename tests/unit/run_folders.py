@@ -63,12 +63,9 @@ def given_state(mesh: RawMesh, scale: float = 1.0) -> RawState:
 
 def exact(x: Any, y: Any, scale: float = 1.0) -> dict[str, Any]:
     return {
-        "ux": scale * (0.02 * y + 0.1 * y**2 - 0.01 * x * y),
-        "uy": scale * (-0.05 * y**2),
-        "vx": 6 * y * (0.4 - y) + 0.1 * x * y,
-        "vy": 0.2 * x * y - 0.1 * x**2 + 0.03,
-        "p": 4.0 - 2.0 * x + 0.5 * y,
-    }
+        "ux": scale * (0.02 * y + 0.1 * y**2 - 0.01 * x * y), "uy": scale * (-0.05 * y**2),
+        "vx": 6 * y * (0.4 - y) + 0.1 * x * y, "vy": 0.2 * x * y - 0.1 * x**2 + 0.03, "p": 4.0 - 2.0 * x + 0.5 * y,
+    }  # fmt: skip
 
 
 def point_json(
@@ -171,21 +168,11 @@ class FakeCheck:
             time.sleep(0.001)
         failures = ["momentum: the relative residual of the momentum is 1.00e-03"] if velocity == self.wrong else []
         names = (
-            "momentum",
-            "continuity",
-            "kinematics",
-            "mesh_motion",
-            "incompressibility",
-            "dirichlet",
-            "drag_difference",
+            "momentum", "continuity", "kinematics", "mesh_motion", "incompressibility", "dirichlet", "drag_difference",
             "lift_difference",
-        )
+        )  # fmt: skip
         numbers = dict.fromkeys(names, 1e-12) | {
-            "momentum": 1e-3 if failures else 1e-11,
-            "coefficient_difference": None,
-            "outlet_difference": None,
-            "wall_difference": None,
-            "sensitivities_difference": None,
-            "quantities_difference": 1e-13,
-        }
+            "momentum": 1e-3 if failures else 1e-11, "coefficient_difference": None, "outlet_difference": None,
+            "wall_difference": None, "sensitivities_difference": None, "quantities_difference": 1e-13,
+        }  # fmt: skip
         return SimpleNamespace(**numbers, passed=not failures, failures=failures)

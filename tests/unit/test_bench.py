@@ -53,11 +53,8 @@ def test_ratios_are_sums_of_phases_over_one_factorisation():
     found = ratios(TIMINGS)
     assert found == pytest.approx({"newton": 2.0, "one_jacobian": 0.5, "one_residual": 0.01, "overhead": 1.2})
     assert {ratio.name: ratio.bound for ratio in RATIOS} == {
-        "newton": 5,
-        "one_jacobian": 1,
-        "one_residual": 1 / 20,
-        "overhead": 4,
-    }
+        "newton": 5, "one_jacobian": 1, "one_residual": 1 / 20, "overhead": 4,
+    }  # fmt: skip
 
 
 def test_a_phase_that_was_not_timed_gives_no_ratio():

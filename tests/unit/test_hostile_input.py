@@ -85,19 +85,13 @@ def test_a_number_of_many_digits_is_refused_by_its_key(key, value):
 # TOML -----------------------------------------------------------------------------------------------------------------
 
 BOMBS = {
-    "keys": "\n".join(f"a{i}=1" for i in range(90_000)),
-    "unknown keys": "\n".join(f"a{i}=1" for i in range(2000)),
+    "keys": "\n".join(f"a{i}=1" for i in range(90_000)), "unknown keys": "\n".join(f"a{i}=1" for i in range(2000)),
     "unknown solids": "[solid]\n" + "\n".join(f"a{i}=1" for i in range(2000)),
-    "unknown tables": "\n".join(f"[a{i}]\nb=1" for i in range(2000)),
-    "deep arrays": "a=" + "[" * 20_000 + "]" * 20_000,
-    "less deep arrays": "a=" + "[" * 200 + "]" * 200,
-    "deep tables": "[" + ".".join(["a"] * 3000) + "]",
-    "less deep tables": "[" + ".".join(["a"] * 100) + "]",
-    "a long key": "a" * 900_000 + "=1",
-    "a long value": 'name="' + "a" * 900_000 + '"',
-    "digits": "a=1" + "0" * 900_000,
-    "a bad line": "x\x1b[31m = = 1",
-}
+    "unknown tables": "\n".join(f"[a{i}]\nb=1" for i in range(2000)), "deep arrays": "a=" + "[" * 20_000 + "]" * 20_000,
+    "less deep arrays": "a=" + "[" * 200 + "]" * 200, "deep tables": "[" + ".".join(["a"] * 3000) + "]",
+    "less deep tables": "[" + ".".join(["a"] * 100) + "]", "a long key": "a" * 900_000 + "=1",
+    "a long value": 'name="' + "a" * 900_000 + '"', "digits": "a=1" + "0" * 900_000, "a bad line": "x\x1b[31m = = 1",
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("text", BOMBS.values(), ids=BOMBS.keys())

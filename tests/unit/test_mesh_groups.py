@@ -81,18 +81,12 @@ def scene(file: Path, outline: dict[str, Any] = DEFAULT, **geometry: Any) -> Sce
     """Return the scene of the channel and its wall."""
     table: dict[str, Any] = {
         "name": "groups",
-        "geometry": {
-            "kind": "mesh",
-            "file": str(file),
-            "regions": {"fluid": "lumen", "wall": "wall"},
-            "boundaries": outline,
-            **geometry,
-        },
+        "geometry": {"kind": "mesh", "file": str(file), "regions": {"fluid": "lumen", "wall": "wall"},
+            "boundaries": outline, **geometry},
         "fluid": {"density": 1, "viscosity": 1},
         "solid": {"wall": {"material": "neo-hookean", "density": 1, "young_modulus": 1e3, "poisson_ratio": 0.3}},
-        "inflow": {"mean_velocity": 1},
-        "outlet": {"kind": "do-nothing"},
-    }
+        "inflow": {"mean_velocity": 1}, "outlet": {"kind": "do-nothing"},
+    }  # fmt: skip
     if "loaded" in outline:
         table["traction"] = {"y": 1}
     return Scene.from_toml(tomli_w.dumps(table))

@@ -297,14 +297,12 @@ def test_all_messages_differ() -> None:
     ("cells", "message"),
     [
         ([("quad", [[0, 1, 2, 3]]), ("triangle", [[1, 4, 2]])], "it has 1 quadrilateral (in Gmsh: no Recombine)"),
-        (
-            [("triangle6", [[0, 1, 2, 3, 4, 5]])],
-            "elements of higher order are not accepted (in Gmsh: Mesh.ElementOrder",
-        ),
+        ([("triangle6", [[0, 1, 2, 3, 4, 5]])],
+         "elements of higher order are not accepted (in Gmsh: Mesh.ElementOrder"),
         ([("tetra", [[0, 1, 2, 3]])], 'only plane triangles are accepted; it has 1 element of the type "tetra"'),
         ([("line", [[0, 1]])], "the file holds no triangle"),
     ],
-)
+)  # fmt: skip
 def test_other_elements(cells, message, tmp_path, capsys) -> None:
     points = np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (2, 0, 0), (2, 2, 0)], dtype=float)
     meshio.Mesh(points, cells).write(tmp_path / "other.vtu")

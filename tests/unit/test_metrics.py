@@ -32,17 +32,11 @@ def fsi3(t: Floats) -> pd.DataFrame:
     size = growth(t)
     return pd.DataFrame(
         {
-            "time": t,
-            "step": STEP,
-            "drag": 457.3 * (1 - np.exp(-3 * t)) + size * wave(t, 0, 22.66, 2 * F),
-            "lift": size * wave(t, 2.22, 149.78, phase=1.0),
-            "tip_ux": size * wave(t, -2.69, 2.53, 2 * F, 2.0),
-            "tip_uy": 1.48 + size * wave(t, 0, 34.38),
-            "min_jacobian": 0.4,
-            "iterations": 3,
-            "seconds": 0.01,
+            "time": t, "step": STEP, "drag": 457.3 * (1 - np.exp(-3 * t)) + size * wave(t, 0, 22.66, 2 * F),
+            "lift": size * wave(t, 2.22, 149.78, phase=1.0), "tip_ux": size * wave(t, -2.69, 2.53, 2 * F, 2.0),
+            "tip_uy": 1.48 + size * wave(t, 0, 34.38), "min_jacobian": 0.4, "iterations": 3, "seconds": 0.01,
         }
-    )
+    )  # fmt: skip
 
 
 # Mean, amplitude and frequency ----------------------------------------------------------------------------------------

@@ -54,8 +54,7 @@ def flap_mesh(n=8):
 def flap_problem(**changes) -> Problem:
     """The block bends by about a sixth of its height, so every nonlinearity counts."""
     values = dict(
-        name="flap",
-        fluid=Fluid(density=1.0, viscosity=Newtonian(0.02)),
+        name="flap", fluid=Fluid(density=1.0, viscosity=Newtonian(0.02)),
         boundaries=(
             Boundary("inlet", 1, "inlet"),
             Boundary("outlet", 2, "outlet"),
@@ -63,14 +62,10 @@ def flap_problem(**changes) -> Problem:
             Boundary("surface", 5, "interface", part="flap"),
             Boundary("root", 6, "clamped"),
         ),
-        solids={2: Solid(2.0, StVenantKirchhoff(60.0, 30.0))},
-        gravity=(0.01, -0.05),
-        outlet=Outlet("do-nothing"),
-        mesh_motion=MeshMotion(stiffness_exponent=1.0, divergence_weight=1.0),
-        inflow=flow_in(),
-        mean_velocity=MEAN_VELOCITY,
-        reference_length=0.5,
-    )
+        solids={2: Solid(2.0, StVenantKirchhoff(60.0, 30.0))}, gravity=(0.01, -0.05), outlet=Outlet("do-nothing"),
+        mesh_motion=MeshMotion(stiffness_exponent=1.0, divergence_weight=1.0), inflow=flow_in(),
+        mean_velocity=MEAN_VELOCITY, reference_length=0.5,
+    )  # fmt: skip
     return Problem(**(values | changes))
 
 
@@ -104,11 +99,9 @@ def roof_mesh(n=8):
 def roof_problem(**changes) -> Problem:
     """Two solids of different materials, both with a pressure of their own: the block and a softer roof."""
     boundaries = (
-        *flap_problem().boundaries,
-        Boundary("outer side", 7, "free"),
-        Boundary("roof", 10, "interface"),
+        *flap_problem().boundaries, Boundary("outer side", 7, "free"), Boundary("roof", 10, "interface"),
         Boundary("roof ends", 11, "clamped"),
-    )
+    )  # fmt: skip
     solids = {
         2: Solid(2.0, NeoHookean(60.0, 30.0), "mixed"),
         3: Solid(1.0, MooneyRivlin(1.0, 0.6, math.inf), "incompressible"),
@@ -131,19 +124,15 @@ def channel_mesh(nx=6, ny=4, grading=1.0, region=1) -> RawMesh:
 def channel_problem(**changes) -> Problem:
     """Plane channel flow."""
     values = dict(
-        name="channel",
-        fluid=Fluid(density=1.3, viscosity=Newtonian(0.05)),
+        name="channel", fluid=Fluid(density=1.3, viscosity=Newtonian(0.05)),
         boundaries=(
             Boundary("inlet", 1, "inlet"),
             Boundary("outlet", 2, "outlet"),
             Boundary("roof", 3, "no-slip"),
             Boundary("floor", 4, "no-slip", part="floor"),
         ),
-        outlet=Outlet("do-nothing"),
-        inflow=flow_in(),
-        mean_velocity=MEAN_VELOCITY,
-        reference_length=LENGTH,
-    )
+        outlet=Outlet("do-nothing"), inflow=flow_in(), mean_velocity=MEAN_VELOCITY, reference_length=LENGTH,
+    )  # fmt: skip
     return Problem(**(values | changes))
 
 
@@ -193,17 +182,15 @@ def bump_problem(**changes) -> Problem:
 def cantilever_problem(**changes) -> Problem:
     """An elastic block, clamped at its left side, that sags under its weight."""
     values = dict(
-        name="cantilever",
-        fluid=None,
+        name="cantilever", fluid=None,
         boundaries=(
             Boundary("root", 1, "clamped"),
             Boundary("tip", 2, "free"),
             Boundary("top", 3, "free"),
             Boundary("bottom", 4, "free"),
         ),
-        solids={2: Solid(1.5, StVenantKirchhoff(60.0, 30.0))},
-        gravity=(0.0, -1.0),
-    )
+        solids={2: Solid(1.5, StVenantKirchhoff(60.0, 30.0))}, gravity=(0.0, -1.0),
+    )  # fmt: skip
     return Problem(**(values | changes))
 
 
@@ -284,11 +271,9 @@ def test_roof_covers_its_part_of_the_outline():
 
 def test_hole_leaves_no_unused_vertex():
     mesh = structured_mesh(
-        np.linspace(0, 1, 5),
-        np.linspace(0, 1, 5),
-        lambda x, y: int(max(abs(x - 0.5), abs(y - 0.5)) > 0.25),
+        np.linspace(0, 1, 5), np.linspace(0, 1, 5), lambda x, y: int(max(abs(x - 0.5), abs(y - 0.5)) > 0.25),
         lambda x, y: 1,
-    )
+    )  # fmt: skip
     assert len(mesh.triangles) == 24
     assert (np.unique(mesh.triangles) == np.arange(len(mesh.vertices))).all()
     # V - E + F = 0 for a ring: E from the P2 nodes, which are vertices and edges.

@@ -130,12 +130,9 @@ def test_a_thousandth_of_one_unknown_is_seen(case, lie, request):
     rows = System.build(problem, mesh).rows
     solid, fluid = (np.isin(np.arange(mesh.n_p2), mesh.p2[mesh.region == region]) for region in (2, 1))
     places = {
-        "solid": solid & ~fluid,
-        "fluid": fluid & ~solid & rows.mesh_motion,
-        "interface": solid & fluid & ~rows.u_given,
-        "inlet": mesh.p2_coordinates[:, 0] == 0.0,
-        "wet": ~rows.p_given,
-    }
+        "solid": solid & ~fluid, "fluid": fluid & ~solid & rows.mesh_motion, "interface": solid & fluid & ~rows.u_given,
+        "inlet": mesh.p2_coordinates[:, 0] == 0.0, "wet": ~rows.p_given,
+    }  # fmt: skip
     changed = copy(state)
     values = getattr(changed, field)
     where = largest(values, places[place])

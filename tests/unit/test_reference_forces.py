@@ -41,14 +41,10 @@ def shear_flow(mesh, gravity):
     """v = (a, b x) under gravity on the deformed mesh: convection, pressure and viscous stress are all at work."""
     a, b = 0.7, 1.9
     return (
-        a * b,
-        b,
-        deformed_state(
-            mesh,
-            velocity=lambda x: np.column_stack([a + 0 * x[:, 0], b * x[:, 0]]),
-            pressure=lambda x: DENSITY * (x @ gravity - a * b * x[:, 1]),
-        ),
-    )
+        a * b, b,
+        deformed_state(mesh, velocity=lambda x: np.column_stack([a + 0 * x[:, 0], b * x[:, 0]]),
+            pressure=lambda x: DENSITY * (x @ gravity - a * b * x[:, 1])),
+    )  # fmt: skip
 
 
 @pytest.mark.parametrize("form", ["surface", "residual"])

@@ -42,11 +42,8 @@ def test_turek_fsi1_has_the_published_values():
 
 def test_values_reach_their_places():
     changes = {
-        "gravity.x": 0.5,
-        "gravity.y": -2.0,
-        "mesh_motion.stiffness_exponent": 1.7,
-        "outlet.kind": "zero-traction",
-    }
+        "gravity.x": 0.5, "gravity.y": -2.0, "mesh_motion.stiffness_exponent": 1.7, "outlet.kind": "zero-traction",
+    }  # fmt: skip
     problem = problem_from_scene(with_values(CASES["flap-svk"], changes | {"mesh_motion.divergence_weight": 0.3}))
     assert problem.gravity == (0.5, -2.0)
     assert problem.mesh_motion == MeshMotion(1.7, 0.3, "hyperelastic")

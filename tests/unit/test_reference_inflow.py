@@ -70,20 +70,15 @@ def test_series_of_a_scene_reaches_the_problem():
 
 @pytest.mark.parametrize(
     ("law", "viscosity"),
-    [
-        ({}, 1.0),
-        ({"fluid__law": "carreau", "fluid__viscosity_zero": 0.9, "fluid__viscosity_infinity": 0.7}, 0.7),
-    ],
-)
+    [({}, 1.0), ({"fluid__law": "carreau", "fluid__viscosity_zero": 0.9, "fluid__viscosity_infinity": 0.7}, 0.7)],
+)  # fmt: skip
 def test_womersley_profile_of_a_scene_reaches_the_problem(law, viscosity):
     scene = scene_of(inflow__waveform="mca", inflow__profile="womersley", **law)
     series = scene.inflow.fourier
     own = womersley(
-        Series(series.period, series.cosine, series.sine),
-        scene.inflow.mean_velocity,
-        0.41,
+        Series(series.period, series.cosine, series.sine), scene.inflow.mean_velocity, 0.41,
         viscosity / scene.fluid.density,
-    )
+    )  # fmt: skip
     s = np.linspace(0.0, 0.41, 7)
     found = problem_from_scene(scene).inflow.velocity(s, 0.3)
     np.testing.assert_allclose(found, (0.5 - 0.5 * math.cos(0.75 * math.pi)) * own(s, 0.3), rtol=1e-12, atol=1e-15)

@@ -63,12 +63,9 @@ def work(system, region, force, stress, time):
 def fluid_system(n, exact, law=None):
     boundaries = (Boundary("walls", 1, "no-slip"), Boundary("outlet", 2, "outlet"))
     problem = Problem(
-        name="fluid",
-        fluid=Fluid(DENSITY, law or Newtonian(VISCOSITY)),
-        boundaries=boundaries,
-        outlet=Outlet("zero-traction"),
-        manufactured=manufactured_of(exact, exact.v, [1]),
-    )
+        name="fluid", fluid=Fluid(DENSITY, law or Newtonian(VISCOSITY)), boundaries=boundaries,
+        outlet=Outlet("zero-traction"), manufactured=manufactured_of(exact, exact.v, [1]),
+    )  # fmt: skip
     grid = np.linspace(0, 1, n + 1)
     return System.build(problem, structured_mesh(grid, grid, lambda x, y: 1, lambda x, y: 1 + (x == 1.0)))
 
@@ -76,12 +73,9 @@ def fluid_system(n, exact, law=None):
 def solid_system(n, exact, solid):
     boundaries = (Boundary("root", 6, "clamped"), Boundary("sides", 7, "free"))
     problem = Problem(
-        name="solid",
-        fluid=None,
-        boundaries=boundaries,
-        solids={2: solid},
+        name="solid", fluid=None, boundaries=boundaries, solids={2: solid},
         manufactured=manufactured_of(exact, exact.solid_velocity, [2]),
-    )
+    )  # fmt: skip
     grid = np.linspace(0, 1, n + 1)
     return System.build(problem, structured_mesh(grid, grid, lambda x, y: 2, lambda x, y: 6 if x in (0, 1) else 7))
 
@@ -98,8 +92,7 @@ def both_system(n, exact, kind="harmonic", solid=None, slip=False):
         return 1 if y > 0.5 else 6
 
     problem = Problem(
-        name="both",
-        fluid=Fluid(DENSITY, Newtonian(VISCOSITY)),
+        name="both", fluid=Fluid(DENSITY, Newtonian(VISCOSITY)),
         boundaries=(
             Boundary("walls", 1, "slip" if slip else "no-slip"),
             Boundary("outlet", 2, "outlet"),
@@ -107,11 +100,9 @@ def both_system(n, exact, kind="harmonic", solid=None, slip=False):
             Boundary("ends", 6, "slip" if slip else "clamped"),
             Boundary("floor", 7, "free"),
         ),
-        solids={2: solid or Solid(SOLID_DENSITY, StVenantKirchhoff(LAMBDA, MU))},
-        outlet=Outlet("zero-traction"),
-        mesh_motion=MeshMotion(0.0, 0.7, kind),
-        manufactured=manufactured_of(exact, velocity, [1, 2]),
-    )
+        solids={2: solid or Solid(SOLID_DENSITY, StVenantKirchhoff(LAMBDA, MU))}, outlet=Outlet("zero-traction"),
+        mesh_motion=MeshMotion(0.0, 0.7, kind), manufactured=manufactured_of(exact, velocity, [1, 2]),
+    )  # fmt: skip
     grid = np.linspace(0, 1, n + 1)
     return System.build(problem, structured_mesh(grid, grid, lambda x, y: 1 + (y < 0.5), label))
 
@@ -174,12 +165,10 @@ def test_differences_are_exact_and_let_a_complex_step_through():
     points = np.random.default_rng(1).uniform(size=(9, 2))
     x, y = points.T
     expected = np.stack(
-        [
-            vector(np.cos(x) * np.cos(y), -np.sin(x) * np.sin(y)),
-            0.8 * vector(np.sin(x) * np.sin(y), -np.cos(x) * np.cos(y)),
-        ],
+        [vector(np.cos(x) * np.cos(y), -np.sin(x) * np.sin(y)),
+         0.8 * vector(np.sin(x) * np.sin(y), -np.cos(x) * np.cos(y))],
         axis=1,
-    )
+    )  # fmt: skip
     np.testing.assert_allclose(gradient(vortices, points), expected, rtol=0, atol=1e-13)
     # Both components are eigenfunctions of the Laplacian.
     laplacian = divergence(lambda z: gradient(vortices, z), points)

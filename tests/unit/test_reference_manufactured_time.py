@@ -84,12 +84,9 @@ def fluid_above_a_shear(solid_pressure=None):
         return solid_velocity(x, t) + beating(t) * (x[:, 1:] - 0.5) * vector(1 + x[:, 0] - x[:, 1], 0.5 - x[:, 0])
 
     return Exact(
-        u=displacement,
-        velocity=velocity,
-        p=lambda x, t: 5.0 * beating(t) * planes(x - displacement(x, t)),
-        solid_velocity=solid_velocity,
-        solid_pressure=solid_pressure,
-    )
+        u=displacement, velocity=velocity, p=lambda x, t: 5.0 * beating(t) * planes(x - displacement(x, t)),
+        solid_velocity=solid_velocity, solid_pressure=solid_pressure,
+    )  # fmt: skip
 
 
 def pressed(x, t):
@@ -137,12 +134,10 @@ def test_shear_thinning_fluid_converges_in_time(scheme):
     # A linear velocity has the same shear rate everywhere: the viscosity depends on the time only.
     law, viscosity = LAWS["carreau"]
     exact = dataclasses.replace(
-        fluid_on_a_moving_mesh(),
-        u=lambda x, t: SWINGING(t) * vector(x[:, 0] + x[:, 1], 0.0),
+        fluid_on_a_moving_mesh(), u=lambda x, t: SWINGING(t) * vector(x[:, 0] + x[:, 1], 0.0),
         velocity=lambda x, t: beating(t) * vector(0.5 + 2.0 * x[:, 1], 0.3 * x[:, 0]),
-        p=lambda x, t: 5.0 * beating(t) * planes(x),
-        viscosity=viscosity,
-    )
+        p=lambda x, t: 5.0 * beating(t) * planes(x), viscosity=viscosity,
+    )  # fmt: skip
     errors = time_errors(fluid_system(2, exact, law), exact, scheme)
     assert_orders(errors[:, 1:3], 2 * [ORDERS[scheme]])
 

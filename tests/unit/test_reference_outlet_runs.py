@@ -17,19 +17,11 @@ from ffsi.reference.system import System
 from ffsi.scene import CASES, with_values
 
 CHANGES = {
-    "inflow.mean_velocity": 0.05,
-    "solid.flap.lame_lambda": 800.0,
-    "solid.flap.lame_mu": 200.0,
-    "mesh_motion.kind": "harmonic",
-    "time.step": 0.05,
-    "time.end": 0.13,
-    "outlet.kind": "windkessel",
-    "outlet.pressure": 0.02,
-    "outlet.proximal_resistance": 0.3,
-    "outlet.distal_resistance": 1.1,
-    "outlet.compliance": 0.04,
-    "outlet.backflow": 0.5,
-}
+    "inflow.mean_velocity": 0.05, "solid.flap.lame_lambda": 800.0, "solid.flap.lame_mu": 200.0,
+    "mesh_motion.kind": "harmonic", "time.step": 0.05, "time.end": 0.13, "outlet.kind": "windkessel",
+    "outlet.pressure": 0.02, "outlet.proximal_resistance": 0.3, "outlet.distal_resistance": 1.1,
+    "outlet.compliance": 0.04, "outlet.backflow": 0.5,
+}  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -50,18 +42,9 @@ def solved():
     entry = {"step": 3, "time": time, "k": k, "theta": step.theta, "old": "old.bin", "new": "new.bin"}
     forces = {name: quantities[name] for name in ("drag", "lift")}
     return (
-        scene,
-        mesh,
-        states,
-        {name: value for name, value in quantities.items() if "windkessel" not in name},
-        history,
-        entry
-        | {
-            "quantities": forces,
-            "windkessel_old": start,
-            "windkessel_new": reservoir,
-        },
-    )
+        scene, mesh, states, {name: value for name, value in quantities.items() if "windkessel" not in name}, history,
+        entry | {"quantities": forces, "windkessel_old": start, "windkessel_new": reservoir},
+    )  # fmt: skip
 
 
 @pytest.fixture

@@ -42,11 +42,9 @@ ROUNDING = 2e-9
 def deformed_state(mesh, velocity, pressure):
     """State on a mesh stretched and rotated by DEFORMATION; fields are given in the rotated frame's coordinates."""
     return state_of(
-        mesh,
-        u=lambda x: x @ (DEFORMATION - np.eye(2)).T,
-        v=lambda x: velocity(x @ STRETCH) @ ROTATION.T,
+        mesh, u=lambda x: x @ (DEFORMATION - np.eye(2)).T, v=lambda x: velocity(x @ STRETCH) @ ROTATION.T,
         p=lambda x: pressure(x @ STRETCH),
-    )
+    )  # fmt: skip
 
 
 def relative(problem, mesh, state):
@@ -98,10 +96,8 @@ def test_do_nothing_outlet_holds_for_stagnation_flow_in_any_direction(turn):
     flat = channel_mesh()
     mesh = dataclasses.replace(flat, vertices=flat.vertices @ rotation.T)
     state = state_of(
-        mesh,
-        v=lambda x: (x @ rotation) * np.array([c, -c]) @ rotation.T,
-        p=lambda x: np.full(len(x), VISCOSITY * c),
-    )
+        mesh, v=lambda x: (x @ rotation) * np.array([c, -c]) @ rotation.T, p=lambda x: np.full(len(x), VISCOSITY * c),
+    )  # fmt: skip
     problem = channel_problem(fluid=Fluid(0.0, Newtonian(VISCOSITY)))
     assert relative(problem, mesh, state)["momentum"] < 1e-13
     # Free of traction is another condition: -p + 2 mu c = 0.

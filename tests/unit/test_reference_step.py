@@ -207,17 +207,13 @@ def end_surface(fluid, gravity, elements, step, new, old, w):
 
 
 WRONG_FLUID = {
-    "no mesh velocity": no_mesh_velocity,
-    "velocity of the fluid": other_mesh_velocity,
+    "no mesh velocity": no_mesh_velocity, "velocity of the fluid": other_mesh_velocity,
     "J = 1": with_jacobian(lambda new, old: np.ones_like(new)),
     "J of the new state": with_jacobian(lambda new, old: new),
-    "J of the old state": with_jacobian(lambda new, old: old),
-    "implicit convection": implicit("convection"),
-    "implicit viscosity": implicit("viscosity"),
-    "implicit gravity": implicit("gravity"),
-    "pressure as a mean": mean_pressure,
-    "pressure on the new surface": end_surface,
-}
+    "J of the old state": with_jacobian(lambda new, old: old), "implicit convection": implicit("convection"),
+    "implicit viscosity": implicit("viscosity"), "implicit gravity": implicit("gravity"),
+    "pressure as a mean": mean_pressure, "pressure on the new surface": end_surface,
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("wrong", WRONG_FLUID)
@@ -311,12 +307,9 @@ def test_a_thousandth_of_one_unknown_is_seen(case, lie, request):
     rows = System.build(problem, mesh).rows
     solid, fluid = (np.isin(np.arange(mesh.n_p2), mesh.p2[(mesh.region == 1) == wet]) for wet in (False, True))
     places = {
-        "solid": solid & ~fluid & ~rows.u_given,
-        "fluid": fluid & rows.mesh_motion,
-        "interface": solid & fluid & ~rows.u_given,
-        "inlet": mesh.p2_coordinates[:, 0] == 0.0,
-        "wet": ~rows.p_given,
-    }
+        "solid": solid & ~fluid & ~rows.u_given, "fluid": fluid & rows.mesh_motion,
+        "interface": solid & fluid & ~rows.u_given, "inlet": mesh.p2_coordinates[:, 0] == 0.0, "wet": ~rows.p_given,
+    }  # fmt: skip
     changed = copy(new)
     values = getattr(changed, field)
     where = largest(values, places[place])

@@ -17,14 +17,9 @@ from ffsi.reference.system import System
 from ffsi.scene import CASES, with_values
 
 CHANGES = {
-    "inflow.mean_velocity": 0.05,
-    "solid.flap.lame_lambda": 800.0,
-    "solid.flap.lame_mu": 200.0,
-    "mesh_motion.kind": "harmonic",
-    "time.step": 0.05,
-    "time.end": 0.18,
-    "inflow.ramp": 0.12,
-}
+    "inflow.mean_velocity": 0.05, "solid.flap.lame_lambda": 800.0, "solid.flap.lame_mu": 200.0,
+    "mesh_motion.kind": "harmonic", "time.step": 0.05, "time.end": 0.18, "inflow.ramp": 0.12,
+}  # fmt: skip
 
 
 @pytest.fixture(scope="module")

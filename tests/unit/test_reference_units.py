@@ -96,13 +96,10 @@ class Units:
         if (o := p.outlet) is not None:
             resistance, ramp = self.pressure / self.flow, o.ramp
             scaled["outlet"] = dataclasses.replace(
-                o,
-                pressure=o.pressure * self.pressure,
-                resistance=o.resistance * resistance,
-                distal=o.distal * resistance,
-                compliance=o.compliance * self.time / resistance,
+                o, pressure=o.pressure * self.pressure, resistance=o.resistance * resistance,
+                distal=o.distal * resistance, compliance=o.compliance * self.time / resistance,
                 ramp=ramp and (lambda time: ramp(time / self.time)),
-            )
+            )  # fmt: skip
         if p.support is not None:
             stiffness = p.support.stiffness * self.pressure / self.length
             damping = p.support.damping * self.pressure / self.velocity
@@ -169,10 +166,8 @@ def test_numbers_of_a_step_are_free_of_units(still):
     old = state_of(mesh, u=lambda x: 1e-3 * rng.normal(size=x.shape), v=lambda x: rng.normal(size=x.shape))
     old = dataclasses.replace(old, ps=rng.normal(size=(2, len(mesh.vertices))))
     new, step, reservoir = (
-        noisy(None, dataclasses.replace(old, p=rng.normal(size=old.p.shape)), 1e-2),
-        Step(K, 0.6, 3 * K),
-        0.7,
-    )
+        noisy(None, dataclasses.replace(old, p=rng.normal(size=old.p.shape)), 1e-2), Step(K, 0.6, 3 * K), 0.7,
+    )  # fmt: skip
 
     def found(units):
         there = units.problem(problem), units.mesh(mesh), units.state(old), units.state(new), units.step(step)
@@ -183,13 +178,9 @@ def test_numbers_of_a_step_are_free_of_units(still):
         shear = wall_shear(system, there[3])
         passage = Passage(step.start * units.time, step.time * units.time, shear, shear)
         cycle = WallCycle(
-            1,
-            passage.start,
-            passage.end,
-            shear.nodes,
-            *passage.integrals(passage.start, passage.end),
+            1, passage.start, passage.end, shear.nodes, *passage.integrals(passage.start, passage.end),
             1.01 * shear.size,
-        )
+        )  # fmt: skip
         return numbers_of(report) | {
             "energy": energy["kinetic"].value / (units.force * units.length),
             "elastic": energy["elastic"].scale / (units.force * units.length),

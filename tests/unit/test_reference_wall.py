@@ -61,10 +61,8 @@ def test_what_people_are_shown_is_the_same_for_every_law():
         scene = with_values(CASES["flap-svk"], CHANGES | {"fluid.law": law})
         mesh = scene_mesh(scene)
         state = state_of(
-            mesh,
-            u=lambda x: 1e-3 * rng.normal(size=x.shape),
-            v=lambda x: rng.normal(size=x.shape),
-        )
+            mesh, u=lambda x: 1e-3 * rng.normal(size=x.shape), v=lambda x: rng.normal(size=x.shape),
+        )  # fmt: skip
         own = wall_shear(System.build(problem_from_scene(scene), mesh), state)
         points = walls.wall_points(mesh, walls.wall_labels(scene))
         shown = walls.wall_shear_stress(points, state, scene.fluid)

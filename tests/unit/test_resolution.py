@@ -219,18 +219,12 @@ def test_outlet_of_a_mesh_of_ones_own(tmp_path: Path, angle: float) -> None:
     scene = Scene.model_validate(
         {
             "name": "box",
-            "geometry": {
-                "kind": "mesh",
-                "file": str(tmp_path / "box.mesh"),
-                "regions": {"fluid": 1},
-                "boundaries": {"inlet": 12, "outlet": 11, "walls": 10},
-            },
-            "fluid": {"density": 1000.0, "viscosity": 1.0},
-            "inflow": {"mean_velocity": 0.0},
-            "outlet": {"kind": "do-nothing"},
-            "gravity": {"y": -9.81},
+            "geometry": {"kind": "mesh", "file": str(tmp_path / "box.mesh"), "regions": {"fluid": 1},
+                "boundaries": {"inlet": 12, "outlet": 11, "walls": 10}},
+            "fluid": {"density": 1000.0, "viscosity": 1.0}, "inflow": {"mean_velocity": 0.0},
+            "outlet": {"kind": "do-nothing"}, "gravity": {"y": -9.81},
         }
-    )
+    )  # fmt: skip
     (text,) = resolution.of_scene(scene)
     assert f"{9810 * np.cos(turn):.3g} Pa" in text
     along = {"gravity.x": -9.81 * np.cos(turn), "gravity.y": -9.81 * np.sin(turn)}

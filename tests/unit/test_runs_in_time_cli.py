@@ -115,15 +115,13 @@ BAD_INPUT = [
     (["run", "--resume", "nothing", "--set", "mesh.level=1"], "only time.end can change"),
     (["run", "--resume"], "requires an argument"),
     (["run", "turek-fsi3", "--animate", "velocity"], "set time.output_interval"),
-    (
-        ["run", "turek-fsi3", *INTERVAL, "--animate", "speed"],
-        "no animation of 'speed'; of this scene there is velocity",
-    ),
+    (["run", "turek-fsi3", *INTERVAL, "--animate", "speed"],
+     "no animation of 'speed'; of this scene there is velocity"),
     (["run", "turek-csm3", *INTERVAL, "--animate", "velocity"], "of this scene there is displacement"),
     (["run", "turek-fsi1", "--animate", "velocity"], "turek-fsi1 is steady; there is nothing to animate"),
     (["animate", "nothing"], "nothing is no run folder"),
     (["animate"], "Missing argument"),
-]
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(("arguments", "message"), BAD_INPUT, ids=[" ".join(words) for words, _ in BAD_INPUT])

@@ -10,13 +10,10 @@ from ffsi.run.chain import _chain_scenes
 from ffsi.scene import CASES, Scene, SceneError, load_scene, with_values
 
 FLAP: dict[str, Any] = {
-    "name": "own",
-    "geometry": {"kind": "flap-channel"},
-    "fluid": {"density": 1.0, "viscosity": 1e-3},
+    "name": "own", "geometry": {"kind": "flap-channel"}, "fluid": {"density": 1.0, "viscosity": 1e-3},
     "solid": {"flap": {"material": "neo-hookean", "density": 1.0, "young_modulus": 5.6, "poisson_ratio": 0.4}},
-    "inflow": {"mean_velocity": 0.06},
-    "outlet": {"kind": "do-nothing"},
-}
+    "inflow": {"mean_velocity": 0.06}, "outlet": {"kind": "do-nothing"},
+}  # fmt: skip
 IN_TIME = {"time.step": 0.01, "time.end": 1.0}
 
 
@@ -56,13 +53,11 @@ def test_a_stated_kind_stays(kind: str, weight: float) -> None:
         ({"material": "neo-hookean", "lame_mu": 1e-6, "lame_lambda": 49e-6}, "mixed"),
         ({"material": "mooney-rivlin", "c10": 0.25, "c01": 0.25, "bulk_modulus": 49.6}, "displacement"),
         ({"material": "mooney-rivlin", "c10": 0.25, "c01": 0.25, "bulk_modulus": 49.7}, "mixed"),
-        (
-            {"material": "neo-hookean", "young_modulus": 1.0, "poisson_ratio": 0.4999, "formulation": "displacement"},
-            "displacement",
-        ),
+        ({"material": "neo-hookean", "young_modulus": 1.0, "poisson_ratio": 0.4999, "formulation": "displacement"},
+         "displacement"),
         ({"material": "neo-hookean", "young_modulus": 1.0, "formulation": "incompressible"}, "incompressible"),
     ],
-)
+)  # fmt: skip
 def test_nearly_incompressible_solids_are_mixed(material: dict[str, Any], formulation: str) -> None:
     table = copy.deepcopy(FLAP)
     table["solid"]["flap"] = {"density": 1.0, **material}

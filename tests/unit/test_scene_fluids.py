@@ -71,10 +71,8 @@ def test_a_solid_alone_gets_no_law() -> None:
     ("overrides", "fragments"),
     [
         (["fluid.law=bingham"], ['fluid.law = "bingham":', '"newtonian", "carreau", "power-law", "casson"']),
-        (
-            ["fluid.law=carreau", "fluid.viscosity_zero=3e-3"],
-            ["fluid.viscosity_zero = 0.003 Pa s:", "at least viscosity_infinity = 0.00345 Pa s"],
-        ),
+        (["fluid.law=carreau", "fluid.viscosity_zero=3e-3"],
+         ["fluid.viscosity_zero = 0.003 Pa s:", "at least viscosity_infinity = 0.00345 Pa s"]),
         (["fluid.law=careau"], ['fluid.law = "careau":', 'mean "carreau"']),
         (["fluid.law=3"], ["fluid.law = 3:", "accepted:"]),
         (["fluid.law=power-law"], ["fluid.consistency: missing;", "consistency c, Pa s^m", "fluid.exponent: missing;"]),
@@ -85,23 +83,19 @@ def test_a_solid_alone_gets_no_law() -> None:
         (["fluid.law=carreau", "fluid.viscosity_zero=0"], ["fluid.viscosity_zero = 0:", "> 0 in Pa s"]),
         (["fluid.law=carreau", "fluid.exponent=0.3568"], ["fluid.exponent = 0.3568:", ">= -0.5 and < 0"]),
         (["fluid.law=carreau", "fluid.exponent=-0.6"], ["fluid.exponent = -0.6:", ">= -0.5 and < 0"]),
-        (
-            ["fluid.law=carreau", "fluid.time_constant_squared=3 s"],
-            ["fluid.time_constant_squared =", "wrong dimension", 'such as "10 s^2"'],
-        ),
+        (["fluid.law=carreau", "fluid.time_constant_squared=3 s"],
+         ["fluid.time_constant_squared =", "wrong dimension", 'such as "10 s^2"']),
         (["fluid.law=carreau", "fluid.time_constant_squared=-1"], ["fluid.time_constant_squared = -1:", "> 0 in s^2"]),
         ([POWER_LAW, "fluid.exponent=0"], ["fluid.exponent = 0:", "> 0"]),
         ([POWER_LAW, "fluid.consistency=1 Pa s"], ["fluid.consistency", "text", "a number > 0 in Pa s^m"]),
         ([POWER_LAW, "fluid.regularisation=0"], ["fluid.regularisation = 0:", "> 0 in 1/s"]),
-        (
-            [POWER_LAW, "inflow.profile=womersley", "inflow.waveform=mca", "time.step=0.1", "time.end=1"],
-            ['inflow.profile = "womersley":', 'fluid.law = "power-law"'],
-        ),
+        ([POWER_LAW, "inflow.profile=womersley", "inflow.waveform=mca", "time.step=0.1", "time.end=1"],
+         ['inflow.profile = "womersley":', 'fluid.law = "power-law"']),
         ([CASSON, "fluid.yield_stress=-1 Pa"], ["fluid.yield_stress", ">= 0 in Pa"]),
         ([CASSON, "fluid.yield_stress=nan"], ["fluid.yield_stress = nan:", "finite"]),
         ([CASSON, "fluid.regularization=1"], ["fluid.regularization", 'mean "fluid.regularisation"']),
     ],
-)
+)  # fmt: skip
 def test_malformed_laws(overrides: list[str], fragments: list[str]) -> None:
     with pytest.raises(SceneError) as caught:
         load_scene(CASE, overrides)

@@ -252,12 +252,9 @@ def test_python_and_toml_give_the_same_scene() -> None:
         {"name": "a", "geometry": {"kind": "channel-cylinder", "beam": {"length": 0.3}}, **values}
     )
     built = Scene(
-        name="a",
-        geometry=ChannelCylinder(beam=Beam(length=0.3)),
-        fluid=Newtonian(density=1, viscosity=1),
-        inflow=Inflow(mean_velocity=1),
-        outlet=Outlet(kind="do-nothing"),
-    )
+        name="a", geometry=ChannelCylinder(beam=Beam(length=0.3)), fluid=Newtonian(density=1, viscosity=1),
+        inflow=Inflow(mean_velocity=1), outlet=Outlet(kind="do-nothing"),
+    )  # fmt: skip
     assert built == table
     assert built.physics == "fluid"
 

@@ -207,11 +207,9 @@ def test_of_two_results_the_checked_one_and_else_the_first_counts(tmp_path):
 
 @pytest.mark.parametrize(
     ("failure", "is_solved", "is_missing", "is_alone"),
-    [
-        *(("", True, False, False), ("check", True, False, False), ("not-converged", False, False, True)),
-        *(("not-reached", False, True, False), ("crash", False, True, False), ("stopped", False, True, False)),
-    ],
-)
+    [*(("", True, False, False), ("check", True, False, False), ("not-converged", False, False, True)),
+     *(("not-reached", False, True, False), ("crash", False, True, False), ("stopped", False, True, False))],
+)  # fmt: skip
 def test_what_has_to_run(tmp_path, failure, is_solved, is_missing, is_alone):
     table = study._Table(tmp_path, [KEY], [{KEY: 0.01}])
     table.add(result_of(tmp_path / "chain-001", failure))

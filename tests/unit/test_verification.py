@@ -57,11 +57,8 @@ def calls(monkeypatch) -> list[tuple[str, str, int]]:
 
 def test_percent_shows_small_errors_with_more_digits():
     assert [percent(error) for error in (0.01234567, -0.2, 1.5e-5, -2e-6)] == [
-        "+1.235 %",
-        "-20.000 %",
-        "+0.0015 %",
-        "-0.00020 %",
-    ]
+        "+1.235 %", "-20.000 %", "+0.0015 %", "-0.00020 %",
+    ]  # fmt: skip
     assert percent(float("nan")) == number(None) == number(float("nan")) == unsigned(float("nan")) == "–"
     assert unsigned(-0.002) == unsigned(0.002) == "0.200 %"
 

@@ -67,12 +67,8 @@ def test_shear_rate_is_the_inverse_of_the_stress(fluid):
 
 @pytest.mark.parametrize(
     ("gradient", "mean", "largest"),
-    [
-        (10.0, 6.3527417e-5, 9.4270969e-5),
-        (100.0, 0.0032008878, 0.0043290559),
-        (1000.0, 0.07601542, 0.1102402),
-    ],
-)
+    [(10.0, 6.3527417e-5, 9.4270969e-5), (100.0, 0.0032008878, 0.0043290559), (1000.0, 0.07601542, 0.1102402)],
+)  # fmt: skip
 def test_plane_flow_of_carreau_blood(gradient, mean, largest):
     """Values of an integration along y."""
     assert plane_flow(CARREAU, gradient, 1e-3) == pytest.approx((mean, largest), rel=5e-8)

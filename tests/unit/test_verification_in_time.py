@@ -291,12 +291,8 @@ def long_run(end: float, growth: float = 0.0, reached: float | None = None) -> L
     history = pd.DataFrame({"time": t, "tip_uy": u, "min_jacobian": 0.5 - np.abs(u), "seconds": 0.1 * t})
     case = LongCase("turek-fsi2", end)
     data = {
-        "failure": "",
-        "time": {"reached": reached or end},
-        "unknowns": 24000,
-        "level": 1,
-        "check": {"momentum": 1e-11},
-    }
+        "failure": "", "time": {"reached": reached or end}, "unknowns": 24000, "level": 1, "check": {"momentum": 1e-11},
+    }  # fmt: skip
     return LongRun(case, Run(case.name, data | {"level": 1}, history=history))
 
 

@@ -33,11 +33,9 @@ class Drawing:
         """Write the file in one of meshio's formats."""
         cells = [("triangle", self.triangles), ("line", self.lines)]
         mesh = meshio.Mesh(
-            self.points,
-            cells,
-            cell_data={data: [self.region, self.curve]},
+            self.points, cells, cell_data={data: [self.region, self.curve]},
             field_data={name: np.array(value) for name, value in self.names.items()},
-        )
+        )  # fmt: skip
         if form.startswith("gmsh"):
             mesh.cell_data["gmsh:geometrical"] = mesh.cell_data[data]
         mesh.write(path, file_format=form)
@@ -74,23 +72,16 @@ def vessel(along: int = 6, across: int = 3, wall: int = 1) -> Drawing:
 def scene_table(file: str = "vessel.msh", **geometry: Any) -> dict[str, Any]:
     """Return the scene of the vessel; a key given as None is left out."""
     table = {
-        "kind": "mesh",
-        "file": file,
-        "unit": "mm",
-        "regions": {"fluid": "lumen", "wall": "wall"},
-        "boundaries": {"inlet": "in", "outlet": "out", "walls": "inner", "clamped": "ends"},
-        **geometry,
-    }
+        "kind": "mesh", "file": file, "unit": "mm", "regions": {"fluid": "lumen", "wall": "wall"},
+        "boundaries": {"inlet": "in", "outlet": "out", "walls": "inner", "clamped": "ends"}, **geometry,
+    }  # fmt: skip
     return {
-        "name": "vessel",
-        "geometry": {key: value for key, value in table.items() if value is not None},
+        "name": "vessel", "geometry": {key: value for key, value in table.items() if value is not None},
         "fluid": {"density": 1060, "viscosity": "3.5 mPa s"},
-        "solid": {
-            "wall": {"material": "neo-hookean", "density": 1100, "young_modulus": "40 kPa", "poisson_ratio": 0.4}
-        },
-        "inflow": {"mean_velocity": "5 cm/s"},
-        "outlet": {"kind": "do-nothing"},
-    }
+        "solid": {"wall": {"material": "neo-hookean", "density": 1100, "young_modulus": "40 kPa",
+            "poisson_ratio": 0.4}},
+        "inflow": {"mean_velocity": "5 cm/s"}, "outlet": {"kind": "do-nothing"},
+    }  # fmt: skip
 
 
 def write_scene(folder: Path, table: dict[str, Any] | None = None, drawing: Drawing | None = None) -> Path:
@@ -107,16 +98,12 @@ def beam_scene(file: Path, clamped: str | int, region: str | int = "beam") -> Sc
         tomli_w.dumps(
             {
                 "name": "beam",
-                "geometry": {
-                    "kind": "mesh",
-                    "file": str(file),
-                    "regions": {"beam": region},
-                    "boundaries": {"clamped": clamped},
-                },
+                "geometry": {"kind": "mesh", "file": str(file), "regions": {"beam": region},
+                    "boundaries": {"clamped": clamped}},
                 "solid": {"beam": {"material": "neo-hookean", "density": 1, "young_modulus": 1, "poisson_ratio": 0.3}},
             }
         )
-    )
+    )  # fmt: skip
 
 
 def lengths(found: Scene) -> dict[str, float]:

@@ -25,15 +25,10 @@ COUNTS = ("iteration", "iterations", "factorized", "point", "stage", "unknowns")
 # Structures of which the catalogue has no scene: name -> case and settings, on level 0.
 STRUCTURES: dict[str, tuple[str, list[str]]] = {
     "incompressible flap": ("flap-neo-hookean", ["solid.flap.formulation=incompressible", "inflow.mean_velocity=0.03"]),
-    "mixed flap and roof": (
-        "flap-mooney-rivlin-roof",
-        ["solid.flap.formulation=mixed", "inflow.mean_velocity=0.03"],
-    ),
+    "mixed flap and roof": ("flap-mooney-rivlin-roof", ["solid.flap.formulation=mixed", "inflow.mean_velocity=0.03"]),
     "mixed membrane": ("cook", ["solid.membrane.formulation=mixed"]),
-    "incompressible beam in time": (
-        "turek-fsi3",
-        ["solid.beam.material=neo-hookean", "solid.beam.formulation=incompressible"],
-    ),
+    "incompressible beam in time": ("turek-fsi3",
+        ["solid.beam.material=neo-hookean", "solid.beam.formulation=incompressible"]),
     "mixed beam in time": ("turek-fsi3", ["solid.beam.material=neo-hookean", "solid.beam.formulation=mixed"]),
     "mixed beam alone in time": ("turek-csm3", ["solid.beam.material=neo-hookean", "solid.beam.formulation=mixed"]),
     "neo-hookean beam in time by Newton": ("turek-fsi2", ["solid.beam.material=neo-hookean", "solver.step=newton"]),
@@ -42,45 +37,26 @@ STRUCTURES: dict[str, tuple[str, list[str]]] = {
     "power law": ("turek-cfd1", ["fluid.law=power-law", "fluid.consistency=1.0", "fluid.exponent=0.7"]),
     "casson": ("aneurysm-carreau", ["fluid.law=casson", "fluid.yield_stress=0.004", "fluid.viscosity_infinity=0.0035"]),
     "zero traction": ("turek-fsi1", ["outlet.kind=zero-traction"]),
-    "pressure behind an elastic wall": (
-        "turek-fsi1",
-        ["outlet.kind=pressure", "outlet.pressure=30", "outlet.backflow=0.5"],
-    ),
+    "pressure behind an elastic wall": ("turek-fsi1",
+        ["outlet.kind=pressure", "outlet.pressure=30", "outlet.backflow=0.5"]),
     "resistance between rigid walls": ("turek-cfd1", ["outlet.kind=resistance", "outlet.resistance=100"]),
     "resistance behind an elastic wall": ("turek-fsi1", ["outlet.kind=resistance", "outlet.resistance=100"]),
-    "windkessel between rigid walls": (
-        "turek-cfd3",
-        [
-            "outlet.kind=windkessel",
-            "outlet.proximal_resistance=10",
-            "outlet.distal_resistance=50",
-            "outlet.compliance=0.01",
-        ],
-    ),
-    "windkessel behind an elastic wall": (
-        "turek-fsi3",
-        [
-            "outlet.kind=windkessel",
-            "outlet.proximal_resistance=10",
-            "outlet.distal_resistance=50",
-            "outlet.compliance=0.01",
-            "outlet.backflow=0.5",
-        ],
-    ),
+    "windkessel between rigid walls": ("turek-cfd3", ["outlet.kind=windkessel", "outlet.proximal_resistance=10",
+        "outlet.distal_resistance=50", "outlet.compliance=0.01"]),
+    "windkessel behind an elastic wall": ("turek-fsi3", ["outlet.kind=windkessel", "outlet.proximal_resistance=10",
+        "outlet.distal_resistance=50", "outlet.compliance=0.01", "outlet.backflow=0.5"]),
     "gravity": ("turek-fsi1", ["gravity.y=-2", "outlet.hydrostatic=true"]),
     "gravity in time": ("turek-fsi3", ["gravity.y=-2", "outlet.hydrostatic=true"]),
     "support of the walls": ("aneurysm-carreau", ["support.stiffness=1e8"]),
     "support of the walls in time": ("aneurysm-pulsatile", ["support.stiffness=1e8", "support.damping=1e3"]),
     "rigid aneurysm": ("aneurysm-carreau", ["solid.vessel=none", "solid.dome=none", "mesh_motion=none"]),
-    "rigid pulsatile aneurysm": (
-        "aneurysm-pulsatile",
-        ["solid.vessel=none", "solid.dome=none", "mesh_motion=none", "support=none"],
-    ),
+    "rigid pulsatile aneurysm": ("aneurysm-pulsatile",
+        ["solid.vessel=none", "solid.dome=none", "mesh_motion=none", "support=none"]),
     "womersley": ("aneurysm-pulsatile", ["inflow.profile=womersley"]),
     "stent": ("aneurysm-carreau", ["geometry.stent.count=5", "geometry.stent.diameter=1e-4"]),
     "backward euler": ("turek-fsi3", ["time.scheme=backward-euler"]),
     "ordinary start": ("flap-neo-hookean", ["solver.start=rest", "solver.linear_solver=umfpack"]),
-}
+}  # fmt: skip
 RUNS = {
     **{f"{case} on level {level}": (case, [f"mesh.level={level}"]) for case in CASES for level in (0, 1)},
     **{name: (case, ["mesh.level=0", *settings]) for name, (case, settings) in STRUCTURES.items()},
