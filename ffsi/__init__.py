@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from ffsi.hemodynamics.result import Result
     from ffsi.report.study import Study
     from ffsi.run.direct import load_result
+    from ffsi.run.levels import levels
     from ffsi.run.one_scene import resume, solve
     from ffsi.run.sensitivities import sensitivities
     from ffsi.run.sweep import sweep
@@ -37,6 +38,7 @@ __all__ = [
     "Scene",
     "SceneError",
     "Study",
+    "levels",
     "load_result",
     "load_scene",
     "resume",
@@ -54,6 +56,7 @@ _HOMES = {
     "FreeFEMError": "ffsi.freefem",
     "InputError": "ffsi.files.errors",
     "Study": "ffsi.report.study",
+    "levels": "ffsi.run.levels",
     "sensitivities": "ffsi.run.sensitivities",
     "sweep": "ffsi.run.sweep",
 }

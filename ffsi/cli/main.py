@@ -81,7 +81,19 @@ def run(
             show_default=False,
         ),
     ] = None,
-    error: Annotated[bool, typer.Option("--error", help="Steady: error bars of the quantities.")] = False,
+    error: Annotated[
+        bool, typer.Option("--error", help="Error bars of the quantities; in time by two more runs beside this one.")
+    ] = False,
+    levels: Annotated[
+        str | None,
+        typer.Option(
+            "--levels",
+            metavar="0,1,2",
+            show_default=False,
+            help="Solve it on these levels of the mesh: order, extrapolated values, error bars; DIR becomes a sweep.",
+        ),
+    ] = None,
+    jobs: Annotated[int, typer.Option("--jobs", min=1, help="With --levels: processes at a time.")] = 1,
     animate: Annotated[
         str | None,
         typer.Option("--animate", metavar="FIELD", help=f"In time: write FIELD.gif ({FIELDS}).", show_default=False),
@@ -98,6 +110,10 @@ def run(
     from ffsi.run.one_scene import solve
     from ffsi.run.resume import check_resumable
 
+    if levels is not None and (
+        others := [f"--{name}" for name, given in (("resume", resume), ("animate", animate), ("error", error)) if given]
+    ):
+        raise InputError(f"give either --levels or {others[0]}, not both")
     if resume is not None:
         if case is not None or out is not None:
             raise InputError("--resume takes case, values and folder from DIR: give no CASE or --out")
@@ -106,6 +122,8 @@ def run(
         raise InputError("Missing argument CASE or scene.toml, or --resume DIR")
     else:
         scene = load_scene(case, settings)
+        if levels is not None:
+            _levels(scene, levels, out or Path("runs") / f"{scene.name}-levels", jobs, json=json, check=not no_check)
         directory = out or Path("runs") / scene.name
         folder.check_usable(directory)
     if animate is not None:
@@ -435,6 +453,24 @@ def _call(arguments: Sequence[str] | None, commands: typer.Typer, name: str) -> 
             return show.usage(error)
         show.fault(error)
         return FAULT
+
+
+def _levels(scene: Scene, text: str, directory: Path, jobs: int, *, json: bool, check: bool) -> None:
+    """Solve a scene on several levels and print what its quantities tend to; always ends in Exit."""
+    from ffsi.hemodynamics.result import load_results
+    from ffsi.run.levels import levels
+
+    try:
+        wanted = [int(part) for part in text.split(",")]
+    except ValueError:
+        raise InputError(f"--levels {text}: accepted: whole numbers such as 0,1,2") from None
+    with machine.computing(directory), show.progress(scene.name, len(wanted)) as on_event:
+        table = levels(scene, wanted, directory, jobs=jobs, check=check, on_event=on_event)
+    if json:
+        sys.stdout.write(folder.to_json(table.to_dict("index")))
+    else:
+        show.levels(table, directory)
+    _finish(load_results(directory), directory)
 
 
 def _finish(results: Sequence[Result], directory: Path) -> None:

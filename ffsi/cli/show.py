@@ -140,7 +140,7 @@ def result(done: Result) -> None:
     when, values = done.shown_quantities
     if values:
         published = {} if when.startswith("at") else references_for(done.scene)
-        console.print(quantities(values, published, f"quantity {when}".strip(), data.get("errors") or {}))
+        console.print(quantities(values, published, f"quantity {when}".strip(), data))
     for line in summary(done):
         console.print(Text(printable(line)), soft_wrap=True)
 
@@ -149,10 +149,10 @@ def quantities(
     values: Mapping[str, float],
     published: Mapping[str, Reference],
     heading: str = "quantity",
-    errors: Mapping[str, Any] = {},
+    data: Mapping[str, Any] = {},
 ) -> Table:
     """Return the table of (flattened) quantities, with error bars, published values and differences from them."""
-    from ffsi.result.quantities import published_value, unit
+    from ffsi.result.quantities import error_bar, published_value, unit
 
     table = Table(box=None, pad_edge=False, header_style="bold")
     table.add_column(text(heading))
@@ -164,7 +164,7 @@ def quantities(
     for name, value in values.items():
         if name.endswith(MINOR) and name not in published:
             continue
-        bar = errors.get(name, {}).get("bar")
+        bar = error_bar(name, data)
         cells = [name, with_bar(value, bar) if bar else f"{value:.7g}", unit(name)]
         if (found := published_value(name, published)) is not None:
             cells += [f"{found[0]:.7g}", f"{100 * (value - found[0]) / abs(found[0]):+.3f} %"]
@@ -255,6 +255,22 @@ def sweep(table: pd.DataFrame, keys: Sequence[str], out: Path) -> None:
     for warning, count in table["warnings"].fillna("").value_counts().items():
         if warning:
             console.print(Text(f"warning at {count} of {len(table)} points: {warning}"), soft_wrap=True)
+
+
+def levels(table: pd.DataFrame, out: Path) -> None:
+    """Print the quantities on several meshes, what they tend to, and the error bar of the finest."""
+    from ffsi.result.quantities import unit
+
+    shown = Table(box=None, pad_edge=False, header_style="bold")
+    for name in ("quantity", "unit", *table.columns):
+        shown.add_column(text(name), justify="left" if name in ("quantity", "unit") else "right")
+    for name, line in table.iterrows():
+        if not str(name).endswith(MINOR):
+            cells = [_cell(line[each], "{:.2g}" if each in ("order", "error") else "{:.7g}") for each in table.columns]
+            shown.add_row(text(str(name)), text(unit(str(name))), *cells)
+    console = stdout()
+    console.print(shown)
+    console.print(Text(printable(f"files: {out}")), soft_wrap=True)
 
 
 def checks(reports: Sequence[tuple[Result, CheckReport]]) -> None:

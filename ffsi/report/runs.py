@@ -22,7 +22,7 @@ from ffsi.result import in_time, pictures
 from ffsi.result.evaluation import Notes, attempt
 from ffsi.result.evaluation import words as note_words
 from ffsi.result.published import references_for
-from ffsi.result.quantities import CHECKED, WORDS, flatten, in_table, published_value, unit
+from ffsi.result.quantities import error_bar, CHECKED, WORDS, flatten, in_table, published_value, unit
 from ffsi.result.sketch import sketch
 from ffsi.result.words import OUTCOMES, time_line
 from ffsi.scene import load_scene
@@ -148,7 +148,7 @@ def _results(result: Result) -> list[Block]:
         head, numeric = [*head, "published", "error", "source"], [*numeric, True, True, False]
     body = []
     for name, value in values.items():
-        bar = (result.data.get("errors") or {}).get(name, {}).get("bar")
+        bar = error_bar(name, result.data)
         cells = [name, f"{value:.8g}" + (f" ± {bar:.2g}" if bar else ""), unit(name)]
         if published:
             found = published_value(name, published)

@@ -20,6 +20,7 @@ from ffsi.report.tables import Rows, about_key, cell, label, value_text, words
 from ffsi.result import pictures, study_definition
 from ffsi.result.evaluation import attempt
 from ffsi.result.quantities import in_table, unit
+from ffsi.result.refinement import LEVEL
 from ffsi.result.study_definition import points_of
 from ffsi.result.table import TABLE, frame, place, problems
 from ffsi.result.table import units as units_of
@@ -57,7 +58,7 @@ def sweep_section(directory: Path, maximum: int) -> tuple[Section, str]:
     ):
         figure = attempt(notes, what, lambda make=make: make(table, keys, units))  # type: ignore[misc]
         more += [Pictures("", [Picture.of(figure, text, maximum)])] if figure is not None else []
-    if keys == [refinement.LEVEL]:
+    if keys == [LEVEL]:
         more += series_blocks(results, maximum)
     more += [*_points(table, keys, units), *_failed(table, keys)]
     more += attempt(notes, "gallery", lambda: gallery(shown, maximum)) or []
@@ -88,7 +89,7 @@ def comparison(results: Sequence[Result], maximum: int) -> Section:
     if keys:
         body = [[words(key), about_key(key)[0], *(cell(each.get(key), ".6g") for each in scenes)] for key in keys]
         blocks.append(Rows(["what differs", "unit", *names], body, numeric, "Scenes side by side"))
-    if keys == [refinement.LEVEL]:
+    if keys == [LEVEL]:
         blocks += series_blocks(results, maximum)
     blocks += gallery(results, maximum, slider=False)
     good = all(map(runs.whole, results))

@@ -42,6 +42,12 @@ def flatten(quantities: Mapping[str, Any]) -> dict[str, float]:
     return flat
 
 
+def error_bar(name: str, data: Mapping[str, Any]) -> float | None:
+    """Return the error bar of a (flattened) quantity in a content of `result.json`, of a last state too; or None."""
+    errors = data.get("errors") or {}
+    return (errors.get(name) or errors.get(f"{name}_last") or {}).get("bar")
+
+
 def published_value(name: str, published: Mapping[str, Reference]) -> tuple[float, Reference] | None:
     """Return the published value that belongs to a (flattened) quantity's name, and where it is from; None without."""
     for ending, part in (("_amplitude", "amplitude"), ("_frequency", "frequency"), ("_mean", "mean"), ("", "mean")):

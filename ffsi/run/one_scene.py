@@ -14,7 +14,8 @@ from ffsi.files.arguments import count_of, path_of
 from ffsi.files.errors import InputError
 from ffsi.freefem import FreeFEMError, find_freefem
 from ffsi.freefem.events import OnEvent
-from ffsi.hemodynamics.result import Result
+from ffsi.hemodynamics.result import Result, load_result
+from ffsi.run import beside
 from ffsi.run.execute import execute, start
 from ffsi.run.longer import END, lengthen
 from ffsi.run.point import Point, seconds
@@ -53,8 +54,8 @@ def solve(
         animate: `velocity`, `pressure` or `displacement`, of which the saved steps become a GIF.
         sensitivities: of a steady scene, also the derivatives of its quantities by its numbers, into
             `data["sensitivities"]`: by quantity, then key, `derivative` (SI) and `logarithmic`.
-        error: of a steady scene, also estimates of what the mesh adds to its quantities, and error bars, into
-            `data["errors"]` (docs/numerics.md).
+        error: also estimates of what the mesh, and in time the step, adds to the quantities, and error bars, into
+            `data["errors"]` (docs/numerics.md). In time two more runs beside this one, in folders of `out`.
 
     Returns:
         The Result; a scene that does not converge is a Result with status `failed`, not an exception.
@@ -73,8 +74,9 @@ def solve(
     if on_event is not None and not callable(on_event):
         raise InputError(f"on_event = {on_event!r}: accepted: a function that takes an event")
     asked = [name for name, wanted in (("sensitivities", sensitivities), ("error", error)) if wanted]
-    if asked and scene.time is not None:
-        raise InputError(f"{asked[0]}: {scene.name} is a scene in time; accepted: steady ones")
+    if sensitivities and scene.time is not None:
+        raise InputError(f"sensitivities: {scene.name} is a scene in time; accepted: steady ones")
+    others = beside.scenes_beside(scene) if error and scene.time is not None else {}
     if resume:
         if target is None:
             raise InputError("to resume a run its folder is needed")
@@ -83,20 +85,30 @@ def solve(
     temporary = tempfile.TemporaryDirectory(prefix=f"ffsi-{scene.name}-") if target is None else None
     directory = target or Path(temporary.name if temporary else "")
     point = Point(scene, directory, 1, {}, alone=True)
+
+    def run_beside(other: Scene, name: str) -> Result:
+        at = directory / name
+        if resume and (at / folder.RESULT).is_file() and not folder.read_json(at / folder.RESULT).get("failure"):
+            return load_result(at)
+        return solve(other, at, check=check, threads=threads, resume=resume and folder.is_run_folder(at))
+
     with folder.held(directory):
         arguments = start(point, installation, resume)
-        if arguments is not None:
-            arguments = {**arguments, **dict.fromkeys(asked, "1")}
-        died = None if arguments is None else execute(scene, directory, installation, arguments, on_event, threads)
-        data = point.judged(died, check)
-        if not resume and (further := _that_goes_further(scene, data)) is not None:
-            note = f"mesh_motion.kind = {further.mesh_motion.kind}, from the start: {data['reason']}"  # type: ignore[union-attr]
-            logger.warning("%s: %s", directory, note)
-            scene, point = further, Point(further, directory, 1, {}, alone=True)
-            start(point, installation, resume=False)
-            died = execute(scene, directory, installation, {}, on_event, threads)
+        with beside.running(directory, others, run_beside, resume) as runs:
+            if arguments is not None:
+                arguments = {**arguments, **(dict.fromkeys(asked, "1") if scene.steady else {})}
+            died = None if arguments is None else execute(scene, directory, installation, arguments, on_event, threads)
             data = point.judged(died, check)
-            data["warnings"].append(note)
+            if not resume and (further := _that_goes_further(scene, data)) is not None:
+                note = f"mesh_motion.kind = {further.mesh_motion.kind}, from the start: {data['reason']}"  # type: ignore[union-attr]
+                logger.warning("%s: %s", directory, note)
+                scene, point = further, Point(further, directory, 1, {}, alone=True)
+                start(point, installation, resume=False)
+                died = execute(scene, directory, installation, {}, on_event, threads)
+                data = point.judged(died, check)
+                data["warnings"].append(note)
+            if runs:
+                beside.complete(data, scene, runs)
         point.draw(data)
         if animate is not None:
             point.animate(data, animate)

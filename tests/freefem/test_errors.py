@@ -1,4 +1,4 @@
-"""Error bars of steady scenes against finer meshes, where they are shown, and where there are none."""
+"""Error bars against finer meshes and steps, where they are shown, and where there are none."""
 
 import pytest
 from conftest import scene_of
@@ -54,9 +54,41 @@ def test_there_is_no_bar_where_the_refined_mesh_does_not_hold(estimated):
     assert any(text.startswith("no error bars") for text in result.warnings)
 
 
-def test_a_scene_in_time_is_refused(tmp_path):
-    with pytest.raises(ffsi.InputError, match="error: turek-fsi3 is a scene in time"):
-        ffsi.solve("turek-fsi3", tmp_path / "run", error=True)
+def test_in_time_runs_beside_tell_what_mesh_and_step_add(tmp_path, solved):
+    settings = ("time.end=0.2", "time.output_interval=0.01")
+    scene = scene_of("turek-csm3", "mesh.level=1", "time.step=0.01", *settings)
+    result = ffsi.solve(scene, tmp_path, error=True)
+    fine = solved("turek-csm3", "mesh.level=2", "time.step=0.0025", *settings)
+    assert result.checked and result.warnings == []
+    for name in ("tip_ux", "tip_uy"):
+        error = result.data["errors"][f"{name}_last"]
+        wrong = fine.data["time"]["last"][name] - result.data["time"]["last"][name]
+        assert abs(wrong) <= error["bar"] < 8 * abs(wrong), name
+    assert result.data["errors"]["tip_ux_last"]["step"] == pytest.approx(2.2e-5, rel=0.1)
+    write_report([tmp_path], tmp_path / "report.md")
+    assert " ± " in (tmp_path / "report.md").read_text()
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        (["mesh.level=0"], "error: mesh.level = 0; accepted in time: 1 or more"),
+        (["time.adaptive=true"], "error: time.adaptive = true; accepted in time: false"),
+        (["time.end=0.015", "time.step=0.01"], "time.end"),
+    ],
+)
+def test_in_time_there_must_be_room_for_runs_beside(tmp_path, settings, words):
+    with pytest.raises(ValueError, match=words):
+        ffsi.solve(ffsi.load_scene("turek-csm3", settings), tmp_path / "run", error=True)
+    assert not (tmp_path / "run").exists()
+
+
+def test_levels_tell_the_order_and_the_error_of_the_finest(tmp_path, solved):
+    table = ffsi.levels("turek-fsi1", [0, 1, 2], tmp_path / "levels")
+    fine = solved("turek-fsi1", "mesh.level=3")
+    assert 2 < table["order"]["lift"] < 4 and (tmp_path / "levels" / "levels.csv").is_file()
+    for name in ("drag", "lift", "tip_ux", "tip_uy"):
+        assert abs(fine.quantities[name] - table["level 2"][name]) < table["error"][name]
 
 
 def test_a_report_shows_bars_and_sensitivities(tmp_path):

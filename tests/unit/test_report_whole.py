@@ -17,8 +17,9 @@ from run_folders import make_run
 
 from ffsi.files.errors import InputError
 from ffsi.hemodynamics.result import Result, load_result
-from ffsi.report import refinement, runs, scene, viewer, write_report
+from ffsi.report import runs, scene, viewer, write_report
 from ffsi.report.blocks import Picture
+from ffsi.result.refinement import limit
 from ffsi.run import one_scene, sweep
 from ffsi.scene import load_scene
 from ffsi.scene.keys import scene_keys
@@ -128,10 +129,10 @@ def test_a_command_makes_the_same_scene_or_is_not_told():
 
 def test_a_series_of_meshes_tends_to_its_limit():
     h = [0.4, 0.2, 0.1]
-    order, value = refinement.limit(h, [3 + 5 * size**2.5 for size in h])
+    order, value = limit(h, [3 + 5 * size**2.5 for size in h])
     assert (order, value) == (pytest.approx(2.5), pytest.approx(3))
     for values in ([1, 2, 1], [1, 1, 1], [1, 2, 4]):
-        assert refinement.limit(h, values) is None
+        assert limit(h, values) is None
 
 
 def test_the_viewer_holds_the_fields(tmp_path):
