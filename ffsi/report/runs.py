@@ -22,7 +22,7 @@ from ffsi.result import in_time, pictures
 from ffsi.result.evaluation import Notes, attempt
 from ffsi.result.evaluation import words as note_words
 from ffsi.result.published import references_for
-from ffsi.result.quantities import error_bar, CHECKED, WORDS, flatten, in_table, published_value, unit
+from ffsi.result.quantities import CHECKED, WORDS, error_bar, flatten, in_table, published_value, unit
 from ffsi.result.sketch import sketch
 from ffsi.result.words import OUTCOMES, time_line
 from ffsi.scene import load_scene
