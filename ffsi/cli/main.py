@@ -16,14 +16,13 @@ from ffsi.cli.arguments import AsJson, Case, OptionalCase, Settings, check_outpu
 from ffsi.cli.exit_codes import BAD_INPUT, CHECK_FAILED, FAULT, INTERRUPTED, NO_FREEFEM, NOT_CONVERGED, TEXT, worst
 from ffsi.cli.streams import guarded
 from ffsi.files import folder, machine
+from ffsi.files.arguments import Design
 from ffsi.files.errors import InputError
-from ffsi.freefem import FreeFEMError
-from ffsi.result.study_definition import Design
-from ffsi.scene import Scene, SceneError, load_scene
 from ffsi.text import nearest, printable
 
 if TYPE_CHECKING:
     from ffsi.hemodynamics.result import Result
+    from ffsi.scene import Scene
 
 app = typer.Typer(
     name="ffsi",
@@ -104,11 +103,13 @@ def run(
     Exit codes: 0 solved and checked, 1 the check failed, 2 bad input, 3 not converged (partial results are kept),
     4 FreeFEM missing or crashed or the machine out of disk, memory or time.
     """
+    from ffsi.freefem import FreeFEMError
     from ffsi.result import resolution
     from ffsi.result.in_time import STOPPED
     from ffsi.run.longer import lengthen
     from ffsi.run.one_scene import solve
     from ffsi.run.resume import check_resumable
+    from ffsi.scene import load_scene
 
     if levels is not None and (
         others := [f"--{name}" for name, given in (("resume", resume), ("animate", animate), ("error", error)) if given]
@@ -176,6 +177,7 @@ def sensitivities(
     from ffsi.run.one_scene import solve
     from ffsi.run.sensitivities import refuse_unknown
     from ffsi.run.sensitivities import sensitivities as table_of
+    from ffsi.scene import load_scene
 
     scene = load_scene(case, settings)
     names, keys = ([name for name in text.split(",") if name] for text in (of, to))
@@ -273,7 +275,7 @@ def sweep(
     from ffsi.result.table import TABLE
     from ffsi.run.design import columns_of
     from ffsi.run.sweep import sweep as run_sweep
-    from ffsi.scene import with_values
+    from ffsi.scene import load_scene, with_values
     from ffsi.scene.overrides import parse_overrides
 
     if jobs is not None and dask is not None:
@@ -427,12 +429,9 @@ def _call(arguments: Sequence[str] | None, commands: typer.Typer, name: str) -> 
     try:
         words = list(arguments) if arguments is not None else None
         return int(commands(args=words, prog_name=name, standalone_mode=False) or 0)
-    except (SceneError, InputError) as error:
+    except InputError as error:
         show.error(str(error))
         return BAD_INPUT
-    except FreeFEMError as error:
-        show.error(str(error))
-        return BAD_INPUT if error.kind == "bad-input" else NO_FREEFEM
     except machine.MachineError as error:
         show.error(str(error))
         return NO_FREEFEM
@@ -451,6 +450,12 @@ def _call(arguments: Sequence[str] | None, commands: typer.Typer, name: str) -> 
     except Exception as error:
         if hasattr(error, "format_message"):  # of the command line itself; typer has no public name for it
             return show.usage(error)
+        from ffsi.freefem import FreeFEMError
+        from ffsi.scene import SceneError
+
+        if isinstance(error, SceneError | FreeFEMError):
+            show.error(str(error))
+            return NO_FREEFEM if isinstance(error, FreeFEMError) and error.kind != "bad-input" else BAD_INPUT
         show.fault(error)
         return FAULT
 

@@ -11,29 +11,26 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import numpy as np
 import typer
 from rich.console import Console
-from rich.prompt import Prompt
 from rich.table import Table
 from rich.text import Text
 
 from ffsi.cli import show as printed
 from ffsi.cli.arguments import AsJson, Case, Settings, check_output
-from ffsi.files import folder, machine
+from ffsi.files import catalogue, folder, machine
 from ffsi.files.errors import InputError
-from ffsi.freefem import FreeFEMNotFound
-from ffsi.scene import CASES, MeshGeometry, Scene, SceneError, load_scene
 from ffsi.text import listed, nearest, printable
 
 if TYPE_CHECKING:
     from ffsi.run.meshing import Meshed
+    from ffsi.scene import Scene
     from ffsi.scene.keys import Key
 
 
 def cases(json: AsJson = False) -> None:
     """List the cases of the catalogue."""
-    entries = printed.catalogue()
+    entries = catalogue.summaries()
     if json:
         sys.stdout.write(folder.to_json(entries))
     else:
@@ -55,6 +52,7 @@ def keys(
     ] = False,
 ) -> None:
     """List the keys of a scene: type, unit, default, range, meaning."""
+    from ffsi.scene import load_scene
     from ffsi.scene.keys import markdown as tables_of_keys
     from ffsi.scene.keys import scene_keys
 
@@ -83,7 +81,7 @@ def _case_and_pattern(words: Sequence[str]) -> tuple[str | None, str]:
     """Tell a scene from a pattern: a case of the catalogue, a TOML file, or the first of two words."""
     if len(words) > 2:
         raise InputError(f"{len(words)} words; accepted: a case or scene file, and a pattern")
-    is_case = len(words) == 2 or bool(words and (words[0] in CASES or words[0].endswith(".toml")))
+    is_case = len(words) == 2 or bool(words and (words[0] in catalogue.names() or words[0].endswith(".toml")))
     case, *rest = (list(words) if is_case else [None, *words]) or [None]
     return case, rest[0] if rest and rest[0] is not None else "*"
 
@@ -91,10 +89,10 @@ def _case_and_pattern(words: Sequence[str]) -> tuple[str | None, str]:
 def _print_keys(found: Sequence[Key], *, values: bool) -> None:
     """Print keys, those of each table and kind together."""
     for only, group in itertools.groupby(found, key=lambda item: item.only):
-        names = ["key", "unit", *(["value"] if values else []), "default", "accepted", "meaning"]
-        table = _table(only or None, *names)
+        heads = ["key", "unit", *(["value"] if values else []), "default", "accepted", "meaning"]
+        table = _table(only or None, *heads)
         for item in group:
-            table.add_row(*(Text(getattr(item, name)) for name in names))
+            table.add_row(*(Text(getattr(item, name)) for name in heads))
         printed.stdout().print(table)
 
 
@@ -107,6 +105,8 @@ def _table(title: str | None, *names: str) -> Table:
 
 def schema() -> None:
     """Print the JSON schema of a scene, by which editors complete and check a TOML file."""
+    from ffsi.scene import Scene
+
     sys.stdout.write(json_text.dumps(Scene.model_json_schema(), indent=1, ensure_ascii=False) + "\n")
 
 
@@ -121,7 +121,9 @@ def show(
 
     FreeFEM makes the mesh; without it the rest is said, and no picture is drawn (exit code 4 with -o).
     """
+    from ffsi.freefem import FreeFEMNotFound
     from ffsi.run.meshing import mesh_of
+    from ffsi.scene import load_scene
 
     scene = load_scene(case, settings)
     if output is not None:
@@ -187,6 +189,8 @@ def _print_scene(scene: Scene) -> None:
 
 
 def _print_mesh(scene: Scene, found: Meshed) -> None:
+    import numpy as np
+
     low, high = found.mesh.vertices.min(axis=0), found.mesh.vertices.max(axis=0)
     sides = found.mesh.vertices[found.mesh.triangles]
     lengths = np.linalg.norm(sides - np.roll(sides, 1, axis=1), axis=2)
@@ -293,6 +297,10 @@ _Check = Callable[[str], object]
 
 def _answer(question: str, default: str, accepted: Sequence[str], check: _Check) -> str:
     """Ask until the answer can be used."""
+    from rich.prompt import Prompt
+
+    from ffsi.scene import SceneError
+
     console = Console(stderr=True, highlight=False)
     while True:
         try:
@@ -315,6 +323,7 @@ def render(
     settings: Settings = [],  # noqa: B006
 ) -> None:
     """Write the FreeFEM script of a case; with -o, also the mesh of a scene that has its own, beside it."""
+    from ffsi.scene import MeshGeometry, load_scene
     from ffsi.script.render import render as render_script
 
     scene = load_scene(case, settings)

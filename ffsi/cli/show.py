@@ -16,17 +16,17 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from ffsi.cli.progress import ProgressDisplay
-from ffsi.scene import CASES, Scene
-from ffsi.scene.materials import Elastic
 from ffsi.text import cut, printable
 
 if TYPE_CHECKING:  # what reads results takes half a second to load
     import pandas as pd
 
+    from ffsi.cli.progress import ProgressDisplay
     from ffsi.hemodynamics.result import Result
     from ffsi.reference import CheckReport
     from ffsi.result.published import Reference
+    from ffsi.scene import Scene
+    from ffsi.scene.materials import Elastic
 
 # Quantities that only help to diagnose; they are in result.json.
 MINOR = ("_surface", "_x", "_y", "drag_cylinder", "lift_cylinder", "drag_beam", "lift_beam")
@@ -100,12 +100,9 @@ class LogHandler(logging.Handler):
 
 def progress(case: str = "", points: int | None = None) -> ProgressDisplay:
     """Return the live line on stderr, to be used as a context manager and listener."""
+    from ffsi.cli.progress import ProgressDisplay
+
     return ProgressDisplay(case, points)
-
-
-def catalogue() -> list[dict[str, str]]:
-    """Return name, physics and description of every case."""
-    return CASES.summaries()
 
 
 def cases(entries: Sequence[Mapping[str, Any]]) -> None:

@@ -5,8 +5,12 @@ from __future__ import annotations
 import numbers
 import os
 from pathlib import Path
+from typing import Literal
 
 from ffsi.files.errors import InputError
+
+Design = Literal["product", "zip", "latin-hypercube", "sobol"]
+"""How the points of a study follow from the values of its keys."""
 
 
 def path_of(value: object, what: str) -> Path:

@@ -7,7 +7,7 @@ import itertools
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import tomli_w
 
@@ -19,8 +19,6 @@ from ffsi.scene.lookup import Scalar
 
 Values = dict[str, Scalar]
 """The varied values of one point, in SI, by dotted key; a key that it leaves as the scene has it is absent."""
-
-Design = Literal["product", "zip", "latin-hypercube", "sobol"]
 
 _SUM = "# sha256 "
 

@@ -13,9 +13,9 @@ import numpy as np
 import pandas as pd
 from pydantic_core import PydanticCustomError
 
-from ffsi.files.arguments import count_of
+from ffsi.files.arguments import Design, count_of
 from ffsi.files.errors import InputError
-from ffsi.result.study_definition import Design, Values, points_of
+from ffsi.result.study_definition import Values, points_of
 from ffsi.scene import Scene, SceneError, with_values
 from ffsi.scene.errors import Problem, short
 from ffsi.scene.lookup import Scalar, plain, rules

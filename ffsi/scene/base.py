@@ -1,7 +1,5 @@
 """The base of every table of a scene: a frozen pydantic model whose errors are `SceneError`."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, Self
 

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Mapping, Sequence
-from functools import cache, cached_property
+from functools import cache
 from pathlib import Path
 from typing import Any
 
+from ffsi.files import catalogue
+from ffsi.files.catalogue import FOLDER as FOLDER
 from ffsi.files.errors import InputError
 from ffsi.files.reading import MEGABYTE, read_text
 from ffsi.scene.errors import Problem, SceneError, names, nearest, of_type, short
@@ -16,56 +18,33 @@ from ffsi.scene.model import Scene
 from ffsi.scene.overrides import parse_overrides, with_values
 from ffsi.scene.toml import parse_toml
 
-FOLDER = Path(__file__).parents[1] / "cases"
-
 
 class Catalogue(Mapping[str, Scene]):
     """Scenes by name, in alphabetical order; each is read when it is asked for."""
-
-    @cached_property
-    def _names(self) -> tuple[str, ...]:
-        return tuple(sorted(path.stem for path in FOLDER.glob("*.toml")))
 
     @property
     def steady(self) -> list[str]:
         """Names of the scenes that are steady."""
         return [name for name in self if self[name].steady]
 
-    def summaries(self) -> list[dict[str, str]]:
-        """Return name, physics (fluid, solid, fsi) and description of every scene, from its text: no model is built."""
-        tables = {name: _table(name) for name in self}
-        return [
-            {
-                "name": name,
-                "physics": "fsi" if {"fluid", "solid"} <= table.keys() else "fluid" if "fluid" in table else "solid",
-                "description": table["description"],
-            }
-            for name, table in tables.items()
-        ]
-
     def __getitem__(self, name: str) -> Scene:
         """Return a scene. Raises ``KeyError`` for a name that is none."""
-        if name not in self._names:
+        if name not in catalogue.names():
             raise KeyError(name)
         return _case(name)
 
     def __iter__(self) -> Iterator[str]:
         """Go through the names."""
-        return iter(self._names)
+        return iter(catalogue.names())
 
     def __len__(self) -> int:
         """Return the number of scenes."""
-        return len(self._names)
+        return len(catalogue.names())
 
 
 @cache
 def _case(name: str) -> Scene:
-    return Scene.model_validate(_table(name))
-
-
-def _table(name: str) -> dict[str, Any]:
-    path = FOLDER / f"{name}.toml"
-    return parse_toml(path.read_text(encoding="utf-8"), path.name)
+    return Scene.model_validate(catalogue.table(name))
 
 
 CASES = Catalogue()

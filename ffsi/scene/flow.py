@@ -1,7 +1,5 @@
 """What drives the flow, and the scale of the forces."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, Self

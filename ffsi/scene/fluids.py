@@ -1,7 +1,5 @@
 """The fluid: density and viscosity law."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal, Self, get_args

@@ -1,7 +1,5 @@
 """Loads on boundaries of solids."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 
 import numpy as np

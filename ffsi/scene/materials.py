@@ -1,7 +1,5 @@
 """The solids: densities and constitutive laws."""
 
-from __future__ import annotations
-
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """The scene: everything that defines one computation."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace

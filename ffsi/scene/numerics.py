@@ -1,7 +1,5 @@
 """Mesh, mesh motion, Newton's method and output."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal, Self
 
@@ -95,7 +93,7 @@ class MeshMotion(Table):
         """What is known of the kind."""
         return MOTIONS[self.kind]
 
-    def of_scene(self, steady: bool) -> MeshMotion:
+    def of_scene(self, steady: bool) -> Self:
         """Return the mesh motion with the kind that a steady scene, or one in time, has by default."""
         if "kind" in self.model_fields_set:
             return self

@@ -1,7 +1,5 @@
 """The outlet: natural condition, pressure behind it, backflow stabilisation."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Annotated, Literal, Self

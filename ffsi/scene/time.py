@@ -1,7 +1,5 @@
 """Time: the scheme, its steps, when a computation ends and when fields are written."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Annotated, Literal, Self
 

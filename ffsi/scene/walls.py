@@ -1,7 +1,5 @@
 """Walls of the fluid that move along themselves: a lid, a belt, a cylinder that turns."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping
 from typing import Annotated, Any

@@ -109,9 +109,11 @@ def test_a_wrong_type_is_refused_in_words_and_nothing_is_written(call, message, 
     assert not list(tmp_path.iterdir())
 
 
-def test_the_command_line_starts_without_what_only_results_need():
+def test_the_list_of_cases_loads_no_model_and_nothing_that_only_results_need():
     """Names, not seconds: these take more than a second together."""
-    code = "import sys, ffsi.cli.main as m, ffsi.cli.show as s; s.catalogue(); print(*sys.modules)"
-    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
-    heavy = ("scipy", "pandas", "matplotlib", "pint", "shapely", "meshio", "jinja2", "distributed", "xarray")
-    assert [name for name in heavy if name in found] == []
+    code = "import atexit, sys; from ffsi.cli.main import main; atexit.register(lambda: print(*sys.modules)); main()"
+    printed = subprocess.run([sys.executable, "-c", code, "cases"], capture_output=True, text=True, check=True).stdout
+    assert "turek-fsi1" in printed
+    heavy = ("scipy", "pandas", "matplotlib", "pint", "shapely", "meshio", "jinja2", "distributed", "xarray", "numpy")
+    heavy = (*heavy, "ffsi.scene", "ffsi.freefem", "rich.progress")
+    assert [name for name in heavy if name in printed.splitlines()[-1].split()] == []

@@ -1,10 +1,8 @@
 """An aneurysm: a dome on the outside of a bent vessel, with elastic or rigid walls."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Collection
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import Field
@@ -112,7 +110,7 @@ class Aneurysm(ChannelGeometry):
         return (x0, y0), (x1, y1)
 
     @property
-    def as_drawn(self) -> Aneurysm:
+    def as_drawn(self) -> Self:
         """The aneurysm whose outline is that of the data, with the walls of this one: what the script's units see."""
         return self.model_copy(update={"outer_radius": type(self).model_fields["outer_radius"].default})
 

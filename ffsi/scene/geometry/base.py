@@ -1,7 +1,5 @@
 """What every geometry offers."""
 
-from __future__ import annotations
-
 import functools
 from abc import ABC, abstractmethod
 from collections.abc import Collection

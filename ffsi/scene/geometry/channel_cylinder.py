@@ -1,7 +1,5 @@
 """A channel around a cylinder, with or without a beam behind it (Turek and Hron 2006; Schaefer and Turek 1996)."""
 
-from __future__ import annotations
-
 import math
 from typing import ClassVar, Literal
 

@@ -1,7 +1,5 @@
 """A channel with an elastic flap standing on its floor."""
 
-from __future__ import annotations
-
 from collections.abc import Collection
 from typing import ClassVar, Literal
 

@@ -1,7 +1,5 @@
 """Solids without a fluid: a straight cantilever, and Cook's membrane."""
 
-from __future__ import annotations
-
 from typing import ClassVar, Literal
 
 import numpy as np
