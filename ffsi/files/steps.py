@@ -20,7 +20,7 @@ class SavedStep:
     It ends at ``time`` s, is ``k`` s long, and ``theta`` is the weight of its end; ``old`` and ``new`` are the names of
     the files with the states at its start and end. ``quantities``: drag and lift at its end, N/m; none without a fluid.
     ``windkessel``: pressure of the outlet's compliance at both, Pa; None without a Windkessel. ``tolerance`` of an
-    ordinary step, which is only to be checked: `solver.step_tolerance`; 0 where it was solved to round-off.
+    ordinary step, which is only to be checked: at most `solver.step_tolerance`; 0 where it was solved to round-off.
     """
 
     step: int

@@ -39,7 +39,7 @@ _AT_PEAK, _AT_CROSSING = 0.085, 0.085
 # An amplitude below this part of the largest value is rounding.
 _ROUNDING = 1e-11
 # A force below this part of another one is what steps leave that are solved to the default of solver.step_tolerance.
-_UNSOLVED = 1e-6
+_UNSOLVED = 3e-5
 _HARMONICS = 20
 # Periods that differ by more than this part of their standard deviation do not repeat.
 _DIFFERENT = 0.5

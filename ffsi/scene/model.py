@@ -29,7 +29,7 @@ from ffsi.scene.validation import unit
 from ffsi.scene.walls import Wall, named, wall_problems
 
 MAX_DESCRIPTION = 200
-STEP_DEFAULTS: dict[str, str | float] = {"step": "condensed", "step_tolerance": 1e-6}
+STEP_DEFAULTS: dict[str, str | float] = {"step": "condensed", "step_tolerance": 3e-5}
 _NAME = re.compile(r"[a-z][a-z0-9-]{0,63}")
 
 

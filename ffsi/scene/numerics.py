@@ -104,7 +104,7 @@ class MeshMotion(Table):
 class Solver(Table):
     """Newton's method and the linear solver.
 
-    `step` and `step_tolerance` matter with a table time only, where a `Scene` fills them in: "condensed" and 1e-6.
+    `step` and `step_tolerance` matter with a table time only, where a `Scene` fills them in: "condensed" and 3e-5.
     """
 
     jacobian: Literal["divided-difference"] = Field("divided-difference", description="how the Jacobian is computed")
@@ -135,8 +135,9 @@ class Solver(Table):
     )
     step_tolerance: Annotated[float, Quantity("1", above=0.0, at_most=LOOSEST)] | None = Field(
         None,
-        description="with a table time, largest accepted correction in a step, relative to V k (displacement), V and "
-        "P, the velocity and the pressure that the flow has, 1e-6 if absent, dimensionless",
+        description="with a table time, largest last correction of a step, relative to V k (displacement), V and P, "
+        "the velocity and the pressure that the flow has, and above 1e-6 at most a twentieth of the step's own error; "
+        "3e-5 if absent, dimensionless",
     )
     time_limit: Duration | None = Field(None, description="wall-clock time after which the run is stopped, s")
 

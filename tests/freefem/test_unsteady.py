@@ -103,7 +103,8 @@ def test_outputs_are_at_their_times_and_at_the_end(whole):
     assert times == pytest.approx([0.045, 0.09, 0.135, 0.18, 0.2], abs=1e-14)
     listed = read_steps(whole.directory)
     ordinary = [entry for entry in listed if entry.tolerance]
-    assert len(ordinary) >= 8 and {entry.tolerance for entry in ordinary} == {whole.scene.solver.step_tolerance}
+    assert len(ordinary) >= 8
+    assert all(1e-6 <= entry.tolerance <= whole.scene.solver.step_tolerance for entry in ordinary)
     entries = [entry for entry in listed if not entry.tolerance]
     for entry, row in zip(entries, whole.saved_steps, strict=True):
         at = whole.history.iloc[entry.step - 1]
