@@ -179,8 +179,9 @@ def _print_scene(scene: Scene) -> None:
         console.print(rows)
         console.print()
     lines = [f"inlet: {line}" for line in inlet_words(scene)]
-    if scene.outlet is not None:
-        lines.append(f"outlet: {scene.outlet.kind}")
+    if scene.only_outlet is not None:
+        lines.append(f"outlet: {scene.only_outlet.kind}")
+    lines += [f"outlet {name}: {outlet.kind}" for name, outlet in scene.outlets.items()]
     if scene.time is not None:
         step, end = scene.time.step, scene.time.end
         lines.append(f"time: steps of {step:g} s{' at most' if scene.time.adaptive else ''} to t = {end:g} s")

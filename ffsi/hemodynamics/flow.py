@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -23,14 +24,21 @@ def flow_rate(mesh: RawMesh, state: RawState, label: int) -> float:
     return float((normal_velocity @ np.array([1, 1, 4]) / 6) @ points.length)
 
 
-def rates(mesh: RawMesh, state: RawState, viscosity: float) -> dict[str, float]:
-    """Return the flow rates in and out, m^2/s, and their difference relative to the larger one.
+def rates(
+    mesh: RawMesh,
+    state: RawState,
+    viscosity: float,
+    inlets: Sequence[int] = (INLET,),
+    outlets: Sequence[int] = (OUTLET,),
+) -> dict[str, float]:
+    """Return the flow rates in and out through labels, m^2/s, and their difference relative to the larger one.
 
     Of a fluid at rest both are rounding: that of its pressure, whose smallest flow p H^2/mu (through the inlet) times
     a small factor is the least that the difference is related to. `viscosity` is that of the fluid at rest, Pa s.
     """
-    into, out = 0.0 - flow_rate(mesh, state, INLET), flow_rate(mesh, state, OUTLET)  # not -0.0 of a rest
-    height = float(wall_points(mesh, [INLET]).length.sum())
+    into = sum((0.0 - flow_rate(mesh, state, label) for label in inlets), 0.0)  # not -0.0 of a rest
+    out = sum((flow_rate(mesh, state, label) for label in outlets), 0.0)
+    height = float(wall_points(mesh, list(inlets)).length.sum())
     rounding = _ROUNDING * float(np.abs(state.p).max()) * height**2 / viscosity
     scale = float(np.max([abs(into), abs(out), rounding]))  # unlike max(), it passes a NaN on
     return {"flow_rate_in": into, "flow_rate_out": out, "mass_balance": (into - out) / (scale or 1.0)}

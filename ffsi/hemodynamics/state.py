@@ -14,7 +14,7 @@ from ffsi.hemodynamics.parts import over_parts, wall_frame
 from ffsi.hemodynamics.walls import WallPoints, at_nodes, deformed_length, wall_labels, wall_points, wall_shear_stress
 from ffsi.result.evaluation import Evaluations
 from ffsi.result.fields import Fields
-from ffsi.scene import Scene
+from ffsi.scene import Scene, boundaries
 from ffsi.scene.geometry import Aneurysm, Channel, MeshGeometry
 
 if TYPE_CHECKING:
@@ -64,7 +64,10 @@ class WallState:
 
     def _flow_rates(self) -> dict[str, float]:
         assert self.scene.fluid is not None
-        return rates(self.mesh, self.state, float(self.scene.fluid.apparent_viscosity(np.zeros(1))[0]))
+        sides = [side for side in boundaries(self.scene) if side.role in ("inlet", "outlet")]
+        inlets = [side.label for side in sides if side.role == "inlet" or side.opening in self.scene.inlet]
+        outlets = [side.label for side in sides if side.label not in inlets]
+        return rates(self.mesh, self.state, float(self.scene.fluid.apparent_viscosity(np.zeros(1))[0]), inlets, outlets)
 
     def _stress_by_part(self) -> dict[str, float]:
         size = np.hypot(*self.wall_shear_stress.T)

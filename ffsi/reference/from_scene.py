@@ -73,7 +73,16 @@ def problem_from_scene(scene: Scene) -> Problem:
         name=scene.name,
         fluid=Fluid(scene.fluid.density, _viscosity(scene.fluid)) if scene.fluid else None,
         boundaries=tuple(
-            Boundary(b.name, b.label, b.role, b.part, b.circle, _motion(scene, b.moving), _load(scene, b.load))
+            Boundary(
+                b.name,
+                b.label,
+                b.role,
+                b.part,
+                b.circle,
+                _motion(scene, b.moving),
+                _load(scene, b.load),
+                **_opening(scene, b),
+            )
             for b in boundaries(scene)
         ),
         solids={
@@ -84,13 +93,13 @@ def problem_from_scene(scene: Scene) -> Problem:
         },
         gravity=(scene.gravity.x, scene.gravity.y) if scene.gravity else (0.0, 0.0),
         inflow=_inflow(scene),
-        outlet=_outlet(scene),
+        outlet=_outlet(scene, scene.only_outlet) if scene.only_outlet and not _parted(scene) else None,
         support=Support(scene.support.stiffness, scene.support.damping) if scene.support else None,
         traction=(scene.traction.x, scene.traction.y) if scene.traction else (0.0, 0.0),
         mesh_motion=MeshMotion(m.stiffness_exponent, m.divergence_weight, m.kind, m.distance_exponent)
         if (m := scene.mesh_motion)
         else None,
-        mean_velocity=scene.inflow.mean_velocity if scene.inflow else None,
+        mean_velocity=scene.mean_velocity,
         reference_length=scene.forces.reference_length if scene.forces else None,
         names=dict(enumerate(scene.solid, start=FLUID_REGION + 1)),
         points=({"tip": scene.tip} if scene.tip else {}) | scene.probes,
@@ -102,36 +111,68 @@ def _inflow(scene: Scene) -> Inflow | None:
     if scene.inflow is None:
         return None
     inlet, ramp = scene.geometry.inlet, _ramp(scene)  # type: ignore[union-attr]
-    if scene.inflow.profile == "womersley":
-        if (waves := _series(scene)) is None or scene.fluid is None or scene.inflow.mean_velocity is None:
-            raise ValueError(f"{scene.name}: Womersley's profile needs a fluid and the Fourier series of its flow rate")
-        kinematic = _viscosity(scene.fluid).outlet / scene.fluid.density
-        flow = womersley(waves, scene.inflow.mean_velocity, inlet.height, kinematic)
-    else:
-        flow = _separable(scene)
+    if scene.inflow.profile != "womersley":
+        return _separable(scene, scene.inflow, inlet)
+    if (waves := _series(scene.inflow)) is None or scene.fluid is None or scene.inflow.mean_velocity is None:
+        raise ValueError(f"{scene.name}: Womersley's profile needs a fluid and the Fourier series of its flow rate")
+    kinematic = _viscosity(scene.fluid).outlet / scene.fluid.density
+    flow = womersley(waves, scene.inflow.mean_velocity, inlet.height, kinematic)
     return Inflow(lambda s, time: ramp(time) * flow(s, time), inlet.start, inlet.inward)
 
 
-def _separable(scene: Scene) -> Callable[[Floats, float], Floats]:
-    """Profile of the scene times its waveform."""
-    profile, waveform = scene.inflow_profile(), _waveform(scene)
-    # A profile may be a constant; nodes need one value each.
-    return lambda s, time: waveform(time) * np.broadcast_to(np.asarray(profile(s), dtype=np.float64), s.shape)
+def _separable(scene: Scene, inflow: Any, inlet: Any) -> Inflow:
+    """Flow through an inlet: its profile times a factor of time."""
+    factor = _factor(scene, inflow)
+
+    def velocity(s: Floats, time: float) -> Floats:
+        shape = inflow.expression.evaluate(y=s, H=inlet.height)  # may be a constant; nodes need one value each
+        return np.asarray(factor(time) * inflow.mean_velocity * np.broadcast_to(shape, s.shape))
+
+    return Inflow(velocity, inlet.start, inlet.inward)
 
 
-def _waveform(scene: Scene) -> Callable[[float], float]:
+def _parted(scene: Scene) -> bool:
+    """Whether there are several natural conditions, each with a pressure of its own."""
+    return bool(scene.outlets) or any(inlet.pressure is not None for inlet in scene.inlet.values())
+
+
+def _opening(scene: Scene, boundary: Any) -> dict[str, Any]:
+    """What a boundary has of its own as one of several inlets or outlets."""
+    name = boundary.opening
+    inlet = scene.inlet.get(name)
+    found: dict[str, Any] = {} if name is None else {"opening": (name, 1.0 if inlet is None else -1.0)}
+    if inlet is not None:
+        place = scene.geometry.named_inlets[name]  # type: ignore[union-attr]
+        if inlet.pressure is None:
+            return found | {"inflow": _separable(scene, inlet, place)}
+        if inlet.direction == "normal":
+            found["still"] = (-place.inward[1], place.inward[0])
+        return found | {"outlet": Outlet("pressure", inlet.pressure, ramp=_factor(scene, inlet))}
+    if boundary.role == "outlet" and _parted(scene):
+        found["outlet"] = _outlet(scene, scene.outlets.get(name, scene.only_outlet))
+    return found
+
+
+def _factor(scene: Scene, inflow: Any) -> Callable[[float], float]:
+    """Ramp times waveform of an inflow; one in a steady scene."""
+    ramp, wave = _ramp(scene, inflow), _waveform(scene, inflow)
+    return lambda time: ramp(time) * wave(time)
+
+
+def _waveform(scene: Scene, inflow: Any) -> Callable[[float], float]:
     """Return the Fourier series or the formula of the time; one in a steady scene."""
-    if (waves := _series(scene)) is not None:
+    if (waves := _series(inflow)) is not None:
         return waves
-    if scene.inflow is None or scene.time is None:
+    if inflow is None or scene.time is None:
         return lambda time: 1.0
-    formula = scene.inflow.waveform_expression
+    formula = inflow.waveform_expression
     return lambda time: float(formula.evaluate(t=time))
 
 
-def _ramp(scene: Scene) -> Callable[[float], float]:
-    """Return the factor of time, from 0 to 1, on what drives the flow."""
-    length = scene.inflow.ramp if scene.inflow is not None and scene.time is not None else None
+def _ramp(scene: Scene, inflow: Any = None) -> Callable[[float], float]:
+    """Return the factor of time, from 0 to 1, on what drives the flow: of the scene's inflow, or one of several."""
+    inflow = inflow or scene.inflow
+    length = inflow.ramp if inflow is not None and scene.time is not None else None
 
     def ramp(time: float) -> float:
         return 1.0 if length is None or time >= length else 0.5 - 0.5 * math.cos(math.pi * time / length)
@@ -168,13 +209,11 @@ def _wall_factor(scene: Scene, name: str) -> Callable[[float], float]:
     if scene.time is None:
         return lambda time: 1.0
     ramp, own = _ramp(scene), scene.walls[name].expression
-    wave = _waveform(scene) if own is None else lambda time: float(own.evaluate(t=time))
+    wave = _waveform(scene, scene.inflow) if own is None else lambda time: float(own.evaluate(t=time))
     return lambda time: ramp(time) * wave(time)
 
 
-def _outlet(scene: Scene) -> Outlet | None:
-    if (outlet := scene.outlet) is None:
-        return None
+def _outlet(scene: Scene, outlet: Any) -> Outlet:
     if outlet.kind not in OUTLETS:
         raise ValueError(f"outlet: the reference checker does not know the kind {outlet.kind!r}")
     return replace(
@@ -201,13 +240,14 @@ def theta_of(scene: Scene) -> Callable[[float, int], float]:
     if time.scheme not in weights:
         raise ValueError(f"the reference checker does not know the time scheme {time.scheme!r}")
     weight = weights[time.scheme]
-    jumps = scene.inflow is not None and abs(_ramp(scene)(0.0) * _waveform(scene)(0.0)) > _REST
+    flows = [*([scene.inflow] if scene.inflow else []), *scene.inlet.values()]
+    jumps = any(abs(_factor(scene, inflow)(0.0)) > _REST for inflow in flows)
     jumps |= any(abs(_wall_factor(scene, name)(0.0)) > _REST for name in scene.walls)
     return lambda k, number: 1.0 if jumps and number <= _DAMPED_STEPS else weight(k)
 
 
-def _series(scene: Scene) -> Series | None:
-    series = scene.inflow.fourier if scene.inflow is not None else None
+def _series(inflow: Any) -> Series | None:
+    series = inflow.fourier if inflow is not None else None
     return Series(series.period, series.cosine, series.sine) if series is not None else None
 
 

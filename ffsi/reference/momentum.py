@@ -43,11 +43,6 @@ def solid_pressure(solid: SolidPart, state: RawState) -> Floats:
     return np.asarray(state.ps[solid.pressure][solid.elements.vertices])
 
 
-def outlet_sides(system: System, fluid: FluidPart) -> Sides:
-    """Sides of the fluid at the outlet."""
-    return fluid.sides.select(np.isin(fluid.sides.label, system.problem.labels("outlet")))
-
-
 def outlet(system: System, law: Fluid, outlet: Outlet, sides: Sides, v: Array) -> Mapping[str, Array]:
     """Terms on the sides of the outlet, (n, 3, 2), with nodal velocities (n, 3, 2), but for the pressure."""
 

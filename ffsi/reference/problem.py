@@ -76,7 +76,9 @@ class Boundary:
     """Edges of one label: their role, the body part they belong to, and the circle (cx, cy, r) they approximate.
 
     ``motion`` maps points (n, 2) of a no-slip wall that moves and the time to its velocities (n, 2), metres per second.
-    ``load`` is what acts on a loaded boundary besides the problem's traction.
+    ``load`` is what acts on a loaded boundary besides the problem's traction; ``inflow`` and ``outlet`` are what one of
+    several inlets or outlets has in the place of the problem's own, ``opening`` its name and the sign of a flow rate
+    out of the fluid; along the unit vector ``still`` nothing flows there.
     """
 
     name: str
@@ -86,6 +88,10 @@ class Boundary:
     circle: tuple[float, float, float] | None = None
     motion: Callable[[Floats, float], Floats] | None = None
     load: Load | None = None
+    inflow: Inflow | None = None
+    outlet: Outlet | None = None
+    opening: tuple[str, float] | None = None
+    still: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -141,8 +147,10 @@ class Problem:
         roles = {boundary.role for boundary in self.boundaries}
         if unknown := roles - set(get_args(Role)):
             raise ValueError(f"{self.name}: unknown boundary role {sorted(unknown)}, accepted: {get_args(Role)}")
+        of_sides = {"inlet": "inflow", "outlet": "outlet"}
         for role, condition in (("inlet", self.inflow), ("outlet", self.outlet), ("supported", self.support)):
-            if role in roles and condition is None:
+            own = all(getattr(b, of_sides.get(role, ""), None) for b in self.boundaries if b.role == role)
+            if role in roles and condition is None and not own:
                 raise ValueError(f"{self.name}: a boundary with the role {role}, but nothing that says what it does")
         if self.mesh_motion is not None and self.mesh_motion.kind not in MOTIONS:
             raise ValueError(f"{self.name}: mesh motion {self.mesh_motion.kind!r}, accepted: {tuple(MOTIONS)}")

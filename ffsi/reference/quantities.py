@@ -108,6 +108,13 @@ def _pressures(system: System, state: RawState) -> dict[str, Quantity]:
         drop = _mean_pressure(system, state, inlet) - _mean_pressure(system, state, outlet)
         found["pressure_drop"] = Quantity.of(drop, size)
     for boundary in system.problem.boundaries:
+        if boundary.opening is not None:
+            sides = system.fluid.sides.select(system.fluid.sides.label == boundary.label)
+            flow = float(terms.outlet_flow(sides.normal, state.v[sides.nodes]))
+            through = float(abs(state.v[sides.nodes]).max() * abs(sides.normal).sum())
+            name, sign = boundary.opening
+            found[f"flow_through_{name}"] = Quantity.of(sign * flow, through, _DIFFERENCE)
+            found[f"pressure_at_{name}"] = Quantity.of(_mean_pressure(system, state, [boundary.label]), size)
         if boundary.name == "cylinder" and boundary.circle is not None:
             x, y, radius = boundary.circle
             wet = np.unique(system.mesh.edges[system.mesh.label == boundary.label])
@@ -201,7 +208,7 @@ def at_outlet(system: System, state: RawState) -> dict[str, Quantity]:
     outlet = system.problem.outlet
     if system.fluid is None or outlet is None or not outlet.presses:
         return {}
-    sides = momentum.outlet_sides(system, system.fluid)
+    ((_, sides),) = system.outlets
 
     def flow_of(v: Floats) -> float:
         return float(terms.outlet_flow(sides.normal, v[sides.nodes]))

@@ -23,7 +23,7 @@ from ffsi.reference.sizes import (
     spread,
 )
 from ffsi.reference.slip import along
-from ffsi.reference.system import FluidPart, Mask, System
+from ffsi.reference.system import FluidPart, Mask, Sides, System
 
 OUTLET = "outlet pressure"
 
@@ -178,8 +178,9 @@ def _without_level(system: System, state: RawState, total: Mapping[str, Floats])
 def _loads(system: System, state: RawState) -> dict[str, Floats]:
     """Momentum of the boundaries, and sources: what belongs neither to the fluid's force nor to a solid's stress."""
     loads: dict[str, Floats] = {}
-    if system.fluid is not None and system.problem.outlet is not None:
-        loads |= _outlet(system, system.fluid, system.problem.outlet, state)
+    for outlet, sides in system.outlets:
+        for name, term in _outlet(system, outlet, sides, state).items():
+            loads[name] = loads.get(name, 0.0) + term
     if system.problem.support is not None:
         edges = momentum.supported_edges(system)
         local = momentum.support(system, system.problem.support, edges, state.u[edges], state.v[edges])
@@ -194,13 +195,14 @@ def _loads(system: System, state: RawState) -> dict[str, Floats]:
     return loads
 
 
-def _outlet(system: System, fluid: FluidPart, outlet: Outlet, state: RawState) -> dict[str, Floats]:
-    sides = momentum.outlet_sides(system, fluid)
-    local = dict(momentum.outlet(system, fluid.law, outlet, sides, state.v[sides.nodes]))
+def _outlet(system: System, outlet: Outlet, sides: Sides, state: RawState) -> dict[str, Floats]:
+    assert system.fluid is not None
+    law = system.fluid.law
+    local = dict(momentum.outlet(system, law, outlet, sides, state.v[sides.nodes]))
     if outlet.presses:
         local[OUTLET] = momentum.outlet_pressure(system, outlet, sides, state.v[sides.nodes])
     if outlet.hydrostatic:
-        local[OUTLET] = local.get(OUTLET, 0.0) + momentum.column_pressure(system, fluid.law, sides)
+        local[OUTLET] = local.get(OUTLET, 0.0) + momentum.column_pressure(system, law, sides)
     return _scattered(local, sides.nodes, system.mesh.n_p2)
 
 

@@ -182,10 +182,10 @@ def _row_sources(system: System) -> tuple[Ints, Mask]:
 def _groups(system: System, state: RawState) -> Iterator[_Group]:
     if system.fluid is not None:
         yield _fluid_group(system, system.fluid)
-        if (outlet := system.problem.outlet) is not None:
-            yield _outlet_group(system, system.fluid, outlet)
+        for outlet, sides in system.outlets:
+            yield _outlet_group(system, system.fluid, outlet, sides)
             if outlet.presses:
-                yield _outlet_pressure_group(system, system.fluid, outlet)
+                yield _outlet_pressure_group(system, outlet, sides)
     for solid in system.solids.values():
         yield _solid_group(system, solid, len(state.p))
     if system.problem.support is not None:
@@ -215,9 +215,8 @@ def _fluid_group(system: System, fluid: FluidPart) -> _Group:
     return function, numbers, numbers
 
 
-def _outlet_group(system: System, fluid: FluidPart, outlet: Outlet) -> _Group:
+def _outlet_group(system: System, fluid: FluidPart, outlet: Outlet, sides: Sides) -> _Group:
     """Sides at the outlet: 6 rows of momentum by as many v."""
-    sides = momentum.outlet_sides(system, fluid)
     numbers = 2 * system.mesh.n_p2 + _numbers(sides.nodes)
 
     def function(local: Array) -> Array:
@@ -227,9 +226,8 @@ def _outlet_group(system: System, fluid: FluidPart, outlet: Outlet) -> _Group:
     return function, numbers, numbers
 
 
-def _outlet_pressure_group(system: System, fluid: FluidPart, outlet: Outlet) -> _Group:
+def _outlet_pressure_group(system: System, outlet: Outlet, sides: Sides) -> _Group:
     """All of the outlet as one element, since its pressure is a function of the flow rate through it."""
-    sides = momentum.outlet_sides(system, fluid)
     nodes, places = np.unique(sides.nodes, return_inverse=True)
     places = places.reshape(sides.nodes.shape)
     numbers = 2 * system.mesh.n_p2 + _numbers(nodes[None, :])

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ffsi.files.arrays import Floats, Ints, RawMesh, RawState
-from ffsi.reference.conditions import Load
+from ffsi.reference.conditions import Load, Outlet
 from ffsi.reference.elements import Elements
 from ffsi.reference.problem import FLUID_REGION, Boundary, Fluid, MeshMotion, Problem, Solid
 from ffsi.reference.slip import node_normals
@@ -105,6 +105,19 @@ class System:
     rows: Rows
     increment: Increment | None = None
     loaded: tuple[tuple[Load, Sides], ...] = ()
+
+    @property
+    def outlets(self) -> list[tuple[Outlet, Sides]]:
+        """The outlets, each with its sides of the fluid; together where they have the problem's one condition."""
+        if self.fluid is None:
+            return []
+        sides = self.fluid.sides
+        own = {b.label: b.outlet for b in self.problem.boundaries if b.role == "outlet" and b.outlet is not None}
+        found = [(outlet, sides.select(sides.label == label)) for label, outlet in own.items()]
+        if self.problem.outlet is not None:
+            common = [label for label in self.problem.labels("outlet") if label not in own]
+            found.append((self.problem.outlet, sides.select(np.isin(sides.label, common))))
+        return found
 
     @classmethod
     def build(cls, problem: Problem, mesh: RawMesh) -> "System":
@@ -213,6 +226,10 @@ def _rows(
     wet = _mask(len(mesh.vertices), mesh.triangles[inside])
     normal, corner = node_normals(mesh, problem.labels("slip"))
     held_u, held_v, prescribed = _conditions(problem, mesh, time, corner)
+    v_normal = normal.copy()
+    for boundary in problem.boundaries:
+        if boundary.still is not None:
+            v_normal[mesh.edge_nodes[mesh.label == boundary.label]] = boundary.still
     if (wrong := in_solid & held_u & ~held_v).any():
         at = mesh.p2_coordinates[np.flatnonzero(wrong)[0]]
         raise ValueError(f"{problem.name}: the outlet fixes u but not v of the solid at {at.tolist()}")
@@ -235,7 +252,7 @@ def _rows(
         ps_given=~incompressibility,
         prescribed=prescribed,
         u_normal=np.where(u_given[:, None], 0.0, normal),
-        v_normal=np.where(held_v[:, None], 0.0, normal),
+        v_normal=np.where(held_v[:, None], 0.0, v_normal),
     )
 
 
@@ -259,8 +276,8 @@ def _conditions(problem: Problem, mesh: RawMesh, time: float | None, corner: Mas
         if boundary.role in ("inlet", "no-slip", "clamped"):
             held_v[nodes] = True
             v[nodes] = 0.0
-        if boundary.role == "inlet" and problem.inflow is not None:
-            v[nodes.ravel()] = problem.inflow.at(mesh.p2_coordinates[nodes.ravel()], time or 0.0)
+        if boundary.role == "inlet" and (inflow := boundary.inflow or problem.inflow) is not None:
+            v[nodes.ravel()] = inflow.at(mesh.p2_coordinates[nodes.ravel()], time or 0.0)
         if boundary.role == "no-slip" and boundary.circle is not None:
             u[nodes[:, 2]] = _onto_circle(boundary.name, boundary.circle, mesh.p2_coordinates[nodes])
         if boundary.motion is not None:

@@ -59,7 +59,12 @@ def inlet_words(scene: Scene) -> list[str]:
 
     inflow = scene.inflow
     if inflow is None or not isinstance(scene.geometry, ChannelGeometry):
-        return []
+        return [
+            f"{name}, pressure {number_text(inlet.pressure)} Pa"
+            if inlet.pressure is not None
+            else f"{name}, profile {inlet.profile}: mean_velocity {number_text(inlet.mean_velocity or 0.0)} m/s"
+            for name, inlet in scene.inlet.items()
+        ]
     height, mean = scene.geometry.inlet.height, inflow.mean_velocity
     assert mean is not None
     s = np.linspace(0.0, height, 2001)

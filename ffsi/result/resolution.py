@@ -14,8 +14,8 @@ import numpy as np
 
 from ffsi.files.arrays import Floats
 from ffsi.result import oscillation
-from ffsi.scene import Scene
-from ffsi.scene.geometry import ChannelGeometry
+from ffsi.scene import Boundary, Scene, boundaries
+from ffsi.scene.geometry import ChannelGeometry, MeshGeometry
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -50,19 +50,32 @@ def of_history(scene: Scene, history: pd.DataFrame, energy: dict[str, float]) ->
 
 def of_scene(scene: Scene) -> list[str]:
     """Return the warnings that a scene deserves before it is solved: gravity at the outlet."""
-    if scene.outlet is None or scene.gravity is None or scene.outlet.hydrostatic is not None:
+    if scene.gravity is None or scene.fluid is None:
         return []
-    assert isinstance(scene.geometry, ChannelGeometry) and scene.fluid is not None
-    points = np.array(scene.geometry.outlet_points)
     gravity = np.array([scene.gravity.x, scene.gravity.y])
-    weight = float(np.ptp(points @ gravity))
-    if not weight > 1e-9 * float(np.hypot(*gravity) * np.hypot(*np.ptp(points, axis=0))):
-        return []
-    return [
-        f"a constant pressure behind the outlet does not balance gravity along it, where the weight of the fluid makes "
-        f"a difference of {scene.fluid.density * weight:.3g} Pa: give outlet.hydrostatic = true (or false if this is "
-        "meant)"
-    ]
+    found = []
+    for side in boundaries(scene):
+        name = f"outlet.{side.opening}" if scene.outlets else "outlet"
+        outlet = scene.only_outlet or scene.outlets.get(side.opening or "")
+        if side.role != "outlet" or side.opening in scene.inlet or outlet is None or outlet.hydrostatic is not None:
+            continue
+        points = _points(scene, side)
+        weight = float(np.ptp(points @ gravity))
+        if weight > 1e-9 * float(np.hypot(*gravity) * np.hypot(*np.ptp(points, axis=0))):
+            found.append(
+                "a constant pressure behind the outlet does not balance gravity along it, where the weight of the "
+                f"fluid makes a difference of {scene.fluid.density * weight:.3g} Pa: give {name}.hydrostatic = true "
+                "(or false if this is meant)"
+            )
+    return found
+
+
+def _points(scene: Scene, side: Boundary) -> Floats:
+    """Return points (n, 2) of an outlet, m."""
+    if isinstance(scene.geometry, MeshGeometry):
+        return scene.geometry.ends_of(side.label).reshape(-1, 2)
+    assert isinstance(scene.geometry, ChannelGeometry)
+    return np.array(scene.geometry.outlet_points)
 
 
 def _vortices(scene: Scene, ends: Floats, steps: Floats) -> str:

@@ -13,6 +13,7 @@ STRUTS = 20  # the first strut of a stent, the others follow
 LOADS = 20  # the first load in a mesh of the user's own, the others follow
 MOVING = 30  # the first moving wall in a mesh of the user's own, the others follow
 PARTS = 40  # the first body part in a mesh of the user's own, the others follow
+INLETS, OUTLETS, OPENINGS_END = 1000, 1100, 1200  # the first of several inlets, and outlets, there, the others follow
 
 
 @dataclass(frozen=True)
@@ -21,8 +22,9 @@ class Boundary:
 
     It has the length of the exact curve, m, and perhaps a body part, on which the fluid's force is reported. An arc has
     a circle: centre x, y and radius, m; `curved` are vertices on other curves. The outer side of a wall is `supported`
-    instead of `free` in a scene with a support; a no-slip one may be `moving`, a loaded one have a `load`, as the
-    tables of these names in the scene's `walls` and `loads` say. Labels: docs/formats.md, roles: docs/theory.md.
+    instead of `free` in a scene with a support; a no-slip one may be `moving`, a loaded one have a `load`, one of
+    several inlets or outlets be an `opening`, as the tables of these names in the scene's `walls`, `loads`, `inlet` and
+    `outlet` say; an inlet with a pressure has the role `outlet`. Labels: docs/formats.md, roles: docs/theory.md.
     """
 
     name: str
@@ -35,6 +37,7 @@ class Boundary:
     outer: bool = False
     moving: str | None = None
     load: str | None = None
+    opening: str | None = None
 
 
 @dataclass(frozen=True)

@@ -108,10 +108,16 @@ def _find(case_or_path: str | Path) -> Scene:
 
 def _located(table: dict[str, Any], folder: Path) -> dict[str, Any]:
     """Return the scene's table with the paths of its files seen from here: in the file they are relative to it."""
+
+    def located(inner: Any, key: str) -> Any:
+        given = isinstance(inner, dict) and isinstance(inner.get(key), str)
+        return {**inner, key: str(folder.absolute() / inner[key])} if given else inner
+
     for name, key in (("geometry", "file"), ("inflow", "waveform_file")):
-        inner = table.get(name)
-        if isinstance(inner, dict) and isinstance(inner.get(key), str):
-            table = {**table, name: {**inner, key: str(folder.absolute() / inner[key])}}
+        if name in table:
+            table = {**table, name: located(table[name], key)}
+    if isinstance(inlets := table.get("inlet"), dict):
+        table = {**table, "inlet": {name: located(inner, "waveform_file") for name, inner in inlets.items()}}
     return table
 
 

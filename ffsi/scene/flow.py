@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, ClassVar, Literal, Self, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,8 +11,8 @@ from pydantic import ConfigDict, Field, ValidationInfo, field_validator, model_v
 from ffsi.scene.base import Table, refuse
 from ffsi.scene.errors import Problem, names, nearest, short
 from ffsi.scene.expressions import Expression, ExpressionError
-from ffsi.scene.json_schema import at, equals, every, given, one_of, some, when
-from ffsi.scene.units import Count, Duration, FlowRate, Length, Number, Speed
+from ffsi.scene.json_schema import Rule, at, equals, every, given, one_of, some, when
+from ffsi.scene.units import Count, Duration, FlowRate, Length, Number, Speed, Stress
 from ffsi.scene.waveforms import Fourier, named_waveforms, read_waveform
 
 _TIME = ("t",)
@@ -22,6 +22,7 @@ VELOCITIES = ("mean_velocity", "peak_velocity", "flow_rate")
 WAVEFORMS = ("waveform", "waveform_file", "series")
 HARMONICS = 12
 MAX_HARMONICS = 100
+InflowType = TypeVar("InflowType", bound="Inflow")
 
 
 class Series(Table):
@@ -43,6 +44,19 @@ class Series(Table):
         return self
 
 
+def _rules(drives: tuple[str, ...]) -> Rule:
+    return every(
+        [
+            one_of([key] for key in drives),
+            one_of([[], *([key] for key in WAVEFORMS)]),
+            when(given("harmonics"), given("waveform_file")),
+            when(given("series"), given("period")),
+            when(given("period"), some(*map(given, WAVEFORMS))),
+            when(equals("profile", WOMERSLEY), some(*map(given, WAVEFORMS))),
+        ]
+    )
+
+
 class Inflow(Table):
     """Velocity at the inlet, normal to it and inwards: mean_velocity * profile(y), in time * ramp(t) * waveform(t).
 
@@ -53,18 +67,9 @@ class Inflow(Table):
     waveform_file is turned into series here, so that a scene needs no other file.
     """
 
-    model_config = ConfigDict(
-        json_schema_extra=every(
-            [
-                one_of([key] for key in VELOCITIES),
-                one_of([[], *([key] for key in WAVEFORMS)]),
-                when(given("harmonics"), given("waveform_file")),
-                when(given("series"), given("period")),
-                when(given("period"), some(*map(given, WAVEFORMS))),
-                when(equals("profile", WOMERSLEY), some(*map(given, WAVEFORMS))),
-            ]
-        )
-    )
+    model_config = ConfigDict(json_schema_extra=_rules(VELOCITIES))
+    drives: ClassVar[tuple[str, ...]] = VELOCITIES
+    """Keys of which exactly one is given."""
 
     mean_velocity: Speed | None = Field(None, description="mean velocity of the built-in profiles, m/s")
     peak_velocity: Speed | None = Field(None, description="largest velocity over the inlet, m/s")
@@ -124,11 +129,11 @@ class Inflow(Table):
         return self
 
     def _problems(self) -> Iterator[Problem]:
-        given = [key for key in VELOCITIES if getattr(self, key) is not None]
+        given = [key for key in self.drives if getattr(self, key) is not None]
         if len(given) != 1:
             text = "missing" if not given else f"{' and '.join(given)} are given"
             described = type(self).model_fields["mean_velocity"].description
-            yield Problem("mean_velocity", f"{text}; exactly one of {', '.join(VELOCITIES)} is needed ({described})")
+            yield Problem("mean_velocity", f"{text}; exactly one of {', '.join(self.drives)} is needed ({described})")
         waveforms = [key for key in WAVEFORMS if getattr(self, key) is not None]
         if len(waveforms) > 1:
             yield Problem(waveforms[0], f"{' and '.join(waveforms)} are given; accepted: one of {', '.join(WAVEFORMS)}")
@@ -184,6 +189,32 @@ class Inflow(Table):
         return series(times) if series else self.waveform_expression.evaluate(t=times)
 
 
+class Inlet(Inflow):
+    """One of several inlets: a velocity as in the table `inflow`, or a pressure behind it.
+
+    The pressure is the mean normal traction, -p n + mu (grad v) n = -pressure n, in time * ramp(t) * waveform(t).
+    """
+
+    model_config = ConfigDict(
+        json_schema_extra=every([_rules((*VELOCITIES, "pressure")), {"not": equals("profile", WOMERSLEY)}])
+    )
+    drives: ClassVar[tuple[str, ...]] = (*VELOCITIES, "pressure")
+
+    pressure: Stress | None = Field(None, description="mean normal traction, instead of a velocity, Pa")
+    direction: Literal["free", "normal"] = Field(
+        "free", description='of the flow at a pressure inlet: "free", or "normal" to it, which is along x or y then'
+    )
+
+    def _problems(self) -> Iterator[Problem]:
+        yield from super()._problems()
+        if self.profile == WOMERSLEY:
+            yield Problem("profile", "only accepted in the table inflow", short(self.profile))
+        if self.pressure is not None and self.profile != "parabolic":
+            yield Problem("profile", "only accepted with a velocity: a pressure has none", short(self.profile))
+        if self.pressure is None and self.direction != "free":
+            yield Problem("direction", "only accepted with a pressure", short(self.direction))
+
+
 def _series_of_file(name: str, harmonics: int | None, period: float | None) -> dict[str, Any]:
     """Return what the samples of a file put in the place of its name."""
     try:
@@ -194,16 +225,16 @@ def _series_of_file(name: str, harmonics: int | None, period: float | None) -> d
     return {"waveform_file": None, "harmonics": None, "series": series, "period": found.period}
 
 
-def velocity_problems(inflow: Inflow, height: float) -> Iterator[Problem]:
+def velocity_problems(inflow: Inflow, height: float, table: str) -> Iterator[Problem]:
     """Yield why the mean velocity does not follow from peak_velocity or flow_rate at an inlet of this height (m)."""
     largest, mean = _size_of_profile(inflow, height)
     for key, size, what in (("peak_velocity", largest, "largest value"), ("flow_rate", mean, "mean")):
         if getattr(inflow, key) is not None and not size > 0:
             text = f"needs a profile whose {what} is positive, that of this one is {short(size)}"
-            yield Problem(f"inflow.{key}", text, short(getattr(inflow, key)))
+            yield Problem(f"{table}.{key}", text, short(getattr(inflow, key)))
 
 
-def with_mean_velocity(inflow: Inflow, height: float) -> Inflow:
+def with_mean_velocity(inflow: InflowType, height: float) -> InflowType:
     """Return the inflow with mean_velocity in the place of peak_velocity or flow_rate; height: of the inlet, m."""
     largest, mean = _size_of_profile(inflow, height)
     if inflow.peak_velocity is not None:

@@ -45,6 +45,8 @@ class SceneJsonSchema(GenerateJsonSchema):
     def tagged_union_schema(self, schema: core_schema.TaggedUnionSchema) -> JsonSchemaValue:
         """Return the choices, each with the key that chooses it."""
         found = super().tagged_union_schema(schema)
+        if callable(schema["discriminator"]):  # one table or several, which their form tells
+            return found
         found["oneOf"] = [{**choice, "required": [schema["discriminator"]]} for choice in found["oneOf"]]
         return found
 

@@ -76,7 +76,11 @@ def _keys_of(scene: Scene) -> Iterator[Key]:
         if item.key.partition(".")[0] in OF_FLUID and not isinstance(scene.geometry, ChannelGeometry):
             continue
         before, is_named, _ = item.key.partition(".NAME")
-        for name in named.get(before, [*(_at(table, before) or ["NAME"])]) if is_named else [""]:
+        several = [""]
+        if is_named:
+            tables = _at(table, before) or {"NAME": {}}
+            several = named.get(before, [n for n in tables if before != "outlet" or isinstance(tables[n], Mapping)])
+        for name in several:
             key, (chosen, _, choice) = item.key.replace("NAME", name), item.only.replace("NAME", name).partition(" = ")
             if not chosen or _toml(_at(table, chosen)) == choice:
                 yield replace(item, key=key, value=_toml(_at(table, key)))
@@ -127,6 +131,8 @@ def _keys(model: Model, prefix: str, only: str, chosen_by: str = "") -> Iterator
             continue
         key, (members, metadata) = join(prefix, name), of_field(field)
         is_dict = [get_args(member) for member in members if get_origin(member) is dict]
+        if is_dict and (one := [table for member in members for table in models(member)]):
+            yield from _keys(one[0], key, only)  # one table, or several by name
         if is_dict:
             key = join(key, "NAME")
             members, metadata = split(is_dict[0][1])

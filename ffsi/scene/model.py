@@ -15,13 +15,14 @@ from ffsi.scene import together
 from ffsi.scene.base import Table, refuse
 from ffsi.scene.boundaries import Boundary
 from ffsi.scene.errors import Problem, SceneError, join, names, nearest, short
-from ffsi.scene.flow import WOMERSLEY, Forces, Inflow, velocity_problems, with_mean_velocity
+from ffsi.scene.flow import WOMERSLEY, Forces, Inflow, Inlet, with_mean_velocity
 from ffsi.scene.fluids import Fluid, PowerLaw
 from ffsi.scene.geometry import ChannelGeometry, FlapChannel, Geometry, GeometryBase, MeshGeometry, Physics
 from ffsi.scene.loads import Load, load_problems
 from ffsi.scene.materials import Solid
 from ffsi.scene.numerics import SIZES, Mesh, MeshMotion, Output, Solver
-from ffsi.scene.outlet import Outlet
+from ffsi.scene.openings import inflow_problems, opening_problems, with_mean_velocities
+from ffsi.scene.outlet import Outlet, Outlets
 from ffsi.scene.time import Time
 from ffsi.scene.toml import parse_toml
 from ffsi.scene.units import Acceleration, FoundationDamping, FoundationStiffness, Stress
@@ -29,6 +30,13 @@ from ffsi.scene.validation import unit
 from ffsi.scene.walls import Wall, named, wall_problems
 
 MAX_DESCRIPTION = 200
+# Tables by name, the key of geometry.boundaries where their boundaries stand, and that where they get their own label.
+_NAMED = (
+    ("walls", "walls", "moving"),
+    ("loads", "loaded", "loads"),
+    ("inlet", "inlet", "inlets"),
+    ("outlet", "outlet", "outlets"),
+)
 STEP_DEFAULTS: dict[str, str | float] = {"step": "condensed", "step_tolerance": 3e-5}
 _NAME = re.compile(r"[a-z][a-z0-9-]{0,63}")
 
@@ -93,8 +101,13 @@ class Scene(Table):
     support: Support | None = Field(
         None, description="elastic support of the outer sides of walls, stiffness in Pa/m, damping in Pa s/m"
     )
-    inflow: Inflow | None = Field(None, description="velocity at the inlet in m/s, needed with a fluid")
-    outlet: Outlet | None = Field(None, description="condition at the outlet, needed with a fluid")
+    inflow: Inflow | None = Field(None, description="velocity at the inlet in m/s; this or `inlet` with a fluid")
+    inlet: dict[str, Inlet] = Field(
+        default_factory=dict, description="inlets by name, where there are several or one has a pressure"
+    )
+    outlet: Outlets | None = Field(
+        None, description="condition at the outlet, or at several by name, needed with a fluid"
+    )
     walls: dict[str, Wall] = Field(
         default_factory=dict, description="walls of the fluid that move along themselves, by name; the others rest"
     )
@@ -110,7 +123,9 @@ class Scene(Table):
     def _name_boundaries(cls, table: Any) -> Any:
         if not isinstance(table, Mapping):
             return table
-        return named(named(table, "walls", "walls", "moving"), "loads", "loaded", "loads")
+        for of_scene, role, key in _NAMED:
+            table = named(table, of_scene, role, key)
+        return table
 
     @field_validator("name")
     @classmethod
@@ -154,6 +169,7 @@ class Scene(Table):
             self._load_problems(),
             self._mesh_problems(),
             self._inflow_problems(),
+            opening_problems(self.inlet, self.outlets, self.geometry, self.time, self.gravity is not None),
             self._time_problems(),
             self._wall_problems(),
             wall_problems(self.walls, self.geometry, outline, self.steady),
@@ -161,6 +177,8 @@ class Scene(Table):
         refuse([problem for group in problems for problem in group])
         if self.inflow and isinstance(self.geometry, ChannelGeometry) and self.inflow.mean_velocity is None:
             self.fill(inflow=with_mean_velocity(self.inflow, self.geometry.inlet.height))
+        if isinstance(self.geometry, ChannelGeometry) and self.inlet:
+            self.fill(inlet=with_mean_velocities(self.inlet, self.geometry))
         missing = self._missing_of_mesh()
         if missing:
             self.fill(mesh=self.mesh.filled(missing))
@@ -189,12 +207,14 @@ class Scene(Table):
             return
         yield from self.geometry.scene_problems(self.solid, self.fluid is not None)
         for key in ("inflow", "outlet"):
-            if self.fluid and getattr(self, key) is None:
+            if self.fluid and getattr(self, key) is None and not (key == "inflow" and self.inlet):
                 yield Problem(key, f"missing; {type(self).model_fields[key].description}")
-        if self.outlet is not None and self.outlet.hydrostatic and self.gravity is None:
+        if self.only_outlet is not None and self.only_outlet.hydrostatic and self.gravity is None:
             yield Problem("outlet.hydrostatic", "only accepted in a scene with a table gravity", "true")
-        for key in ("inflow", "outlet", "forces"):
-            if self.fluid is None and getattr(self, key) is not None:
+        if self.inflow is not None and self.inlet:
+            yield Problem("inflow", "not accepted beside tables inlet.NAME, which say what flows in")
+        for key in ("inflow", "inlet", "outlet", "forces"):
+            if self.fluid is None and getattr(self, key):
                 yield Problem(key, "only accepted in a scene with a fluid")
         if self.mesh_motion is not None and not (self.fluid and self.solid):
             yield Problem("mesh_motion", "only accepted in a scene with a fluid and a solid")
@@ -203,8 +223,8 @@ class Scene(Table):
         kind, solids = self.geometry.kind, self.geometry.solid_names
         if not self.solid:
             yield Problem("solid", f'missing; the geometry "{kind}" holds {names(solids)}')
-        for key in ("fluid", "mesh_motion", "inflow", "outlet", "forces"):
-            if getattr(self, key) is not None:
+        for key in ("fluid", "mesh_motion", "inflow", "inlet", "outlet", "forces"):
+            if getattr(self, key):
                 yield Problem(key, f'not accepted: the geometry "{kind}" holds no fluid')
 
     def _load_problems(self) -> Iterator[Problem]:
@@ -239,29 +259,11 @@ class Scene(Table):
         if self.inflow.profile == WOMERSLEY and isinstance(self.fluid, PowerLaw):
             text = f'not accepted with fluid.law = "{self.fluid.law}", which has no viscosity at large shear rates'
             yield Problem("inflow.profile", text, short(self.inflow.profile))
-        y = np.linspace(0.0, height, 201)
-        bad = y[~np.isfinite(self.inflow.expression.evaluate(y=y, H=height))]
-        if bad.size:
-            text = f"not finite at y = {bad[0]:.4g} m; accepted: a formula that is defined for y from 0 to H"
-            yield Problem("inflow.profile", text, short(self.inflow.profile))
-        elif self.inflow.mean_velocity is None:
-            yield from velocity_problems(self.inflow, height)
+        yield from inflow_problems(self.inflow, height, self.time, "inflow")
 
     def _time_problems(self) -> Iterator[Problem]:
         if self.time is None:
             yield from self.geometry.steady_problems()
-            text = "only accepted in a scene with a table time (time.step and time.end)"
-            for key in ("ramp", "waveform", "series"):
-                value = getattr(self.inflow, key, None)
-                if value is not None:
-                    yield Problem(f"inflow.{key}", text, short(value) + (" s" if key == "ramp" else ""))
-            return
-        if self.inflow is not None:
-            t = np.linspace(0.0, self.time.end, 2001)
-            bad = t[~np.isfinite(self.inflow.factor(t))]
-            if bad.size and self.inflow.fourier is None:
-                text = f"not finite at t = {bad[0]:.4g} s; accepted: a formula that is defined for t from 0 to time.end"
-                yield Problem("inflow.waveform", text, short(self.inflow.waveform))
 
     def _wall_problems(self) -> Iterator[Problem]:
         if self.output.wall is None:
@@ -291,6 +293,23 @@ class Scene(Table):
     def steady(self) -> bool:
         """Whether the scene has no table time."""
         return self.time is None
+
+    @property
+    def only_outlet(self) -> Outlet | None:
+        """The outlet of a scene that does not give several by name."""
+        return self.outlet if isinstance(self.outlet, Outlet) else None
+
+    @property
+    def outlets(self) -> dict[str, Outlet]:
+        """The outlets of a scene that gives them by name."""
+        return self.outlet if isinstance(self.outlet, dict) else {}
+
+    @property
+    def mean_velocity(self) -> float | None:
+        """Mean velocity of the inflow, or the largest of several inlets, m/s; None without a fluid."""
+        if self.inflow is not None:
+            return self.inflow.mean_velocity
+        return max((abs(each.mean_velocity or 0.0) for each in self.inlet.values()), default=None)
 
     @property
     def tip(self) -> tuple[float, float] | None:
@@ -448,4 +467,15 @@ def boundaries(scene: Scene) -> list[Boundary]:
             replace(side, role="loaded", load=side.name) if side.name in scene.loads and side.role == "free" else side
             for side in found
         ]
+        found = [
+            replace(side, opening=side.name)
+            if (side.role == "inlet" and side.name in scene.inlet)
+            or (side.role == "outlet" and side.name in scene.outlets)
+            else side
+            for side in found
+        ]
+    pressed = [name for name, inlet in scene.inlet.items() if inlet.pressure is not None]
+    found = [
+        replace(side, role="outlet") if side.role == "inlet" and side.opening in pressed else side for side in found
+    ]
     return sorted(found, key=lambda boundary: boundary.label)

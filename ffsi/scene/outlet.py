@@ -1,10 +1,10 @@
 """The outlet: natural condition, pressure behind it, backflow stabilisation."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import ConfigDict, Field, StrictBool, model_validator
+from pydantic import ConfigDict, Discriminator, Field, StrictBool, Tag, model_validator
 
 from ffsi.scene.base import Table, refuse
 from ffsi.scene.errors import Problem, names, short
@@ -118,3 +118,18 @@ class Outlet(Table):
     def has_pressure(self) -> bool:
         """Whether there is a pressure behind the outlet."""
         return bool(self.law.needed)
+
+
+def _number(value: Any) -> str:
+    """Tell one table from several by name."""
+    return (
+        "several"
+        if isinstance(value, Mapping) and any(isinstance(v, Mapping | Table) for v in value.values())
+        else "one"
+    )
+
+
+Outlets = Annotated[
+    Annotated[Outlet, Tag("one")] | Annotated[dict[str, Outlet], Tag("several")], Discriminator(_number)
+]
+"""The table of the only outlet, or those of several by name."""

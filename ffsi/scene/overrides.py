@@ -55,8 +55,8 @@ def with_values(scene: Scene, values: Mapping[str, Any]) -> Scene:
             "incompressible" drops what that form does not have: of (lame_lambda, lame_mu) and (lame_mu, poisson_ratio)
             it keeps lame_mu, of (young_modulus, poisson_ratio) young_modulus; Mooney-Rivlin loses bulk_modulus.
             Constants among the new values win. The way back needs the constants that are then missing.
-            A new velocity of the inflow (mean_velocity, peak_velocity or flow_rate) replaces the one in use, so does a
-            new waveform (waveform, waveform_file or series, with their period).
+            A new velocity of an inflow (mean_velocity, peak_velocity or flow_rate; of an inlet by name a pressure, too)
+            replaces the one in use, so does a new waveform (waveform, waveform_file or series, with their period).
             A new viscosity law, too, keeps the constants that it knows, so does a new kind of outlet.
             None removes a key or a table. What the scene does not state but has from other values (kind of mesh motion,
             formulation, element sizes) follows the new ones.
@@ -77,15 +77,18 @@ def with_values(scene: Scene, values: Mapping[str, Any]) -> Scene:
     for name, solid in scene.solid.items():
         if not {"solid", f"solid.{name}"} & set(values):
             problems += _adapt_solid(f"solid.{name}.", solid, values, table["solid"][name])
-    if "inflow" in table and "inflow" not in values:
-        for alternatives, unused in ((VELOCITIES, ()), (WAVEFORMS, ("period",))):
-            if any(f"inflow.{key}" in values for key in alternatives):
-                for key in (*alternatives, *unused):
-                    table["inflow"].pop(key, None)
-    kind = values.get("outlet.kind")
-    if "outlet" in table and isinstance(kind, str) and kind in OUTLETS:
-        for key in PRESSURES.difference(OUTLETS[kind].keys):
-            table["outlet"].pop(key, None)
+    for key, inner in _tables(table, "inflow", "inlet"):
+        if key in values or key.partition(".")[0] in values:
+            continue
+        for alternatives, unused in (((*VELOCITIES, "pressure"), ()), (WAVEFORMS, ("period",))):
+            if any(f"{key}.{name}" in values for name in alternatives):
+                for name in (*alternatives, *unused):
+                    inner.pop(name, None)
+    for key, inner in _tables(table, "outlet"):
+        kind = values.get(f"{key}.kind")
+        if isinstance(kind, str) and kind in OUTLETS:
+            for name in PRESSURES.difference(OUTLETS[kind].keys):
+                inner.pop(name, None)
     law = values.get("fluid.law")
     if isinstance(law, str) and law in LAWS and "fluid" in table:
         for key in table["fluid"].keys() - LAWS[law].model_fields.keys():
@@ -95,6 +98,15 @@ def with_values(scene: Scene, values: Mapping[str, Any]) -> Scene:
     if problems:
         raise SceneError(problems)
     return Scene.model_validate(table)
+
+
+def _tables(table: dict[str, Any], *keys: str) -> list[tuple[str, dict[str, Any]]]:
+    """Return the tables under some keys, or those by name there, with their dotted keys."""
+    found = []
+    for key, inner in ((key, table[key]) for key in keys if key in table):
+        several = any(isinstance(value, dict) for name, value in inner.items() if name != "series")
+        found += [(f"{key}.{name}", each) for name, each in inner.items()] if several else [(key, inner)]
+    return found
 
 
 def _adapt_solid(prefix: str, solid: Elastic, values: Mapping[str, Any], table: dict[str, Any]) -> list[Problem]:

@@ -12,7 +12,7 @@ from ffsi.scene.numerics import SIZES
 from ffsi.scene.validation import literals
 from ffsi.scene.waveforms import named_waveforms
 
-OF_FLUID = ("fluid", "mesh_motion", "inflow", "outlet", "forces")
+OF_FLUID = ("fluid", "mesh_motion", "inflow", "inlet", "outlet", "forces")
 """Tables that need a fluid."""
 SOLIDS: Rule = at("solid", {"minProperties": 1})
 _OUTER = {"flap-channel": given("geometry.roof"), "aneurysm": SOLIDS}  # sides for a support; of others by their outline
@@ -29,7 +29,7 @@ def rules() -> Rule:
     return every(
         [
             some(given("fluid"), SOLIDS),
-            when(given("fluid"), given("inflow", "outlet")),
+            when(given("fluid"), every([given("outlet"), some(given("inflow"), at("inlet", {"minProperties": 1}))])),
             *(when(given(table), given("fluid")) for table in OF_FLUID),
             when(given("mesh_motion"), SOLIDS),
             when(equals("outlet.hydrostatic", True), given("gravity")),
@@ -80,12 +80,14 @@ def _of_mesh() -> Rule:
     """Return the rules of a mesh from a file: it has the sizes, and a fluid where a region is one."""
     bare = absent(*(f"mesh.{key}" for key in SIZES))
     of_fluid = [f"geometry.boundaries.{key}" for key in ("inlet", "outlet", "walls", "slip")]
+    several = [at(f"geometry.{key}s", {"minProperties": 1}) for key in ("inlet", "outlet")]
+    openings = every(some(given(key), more) for key, more in zip(of_fluid[:2], several, strict=True))
     loads = some(given("traction"), at("loads", {"minProperties": 1}))
     return every(
         [
             bare,
             when(given("mesh.size_factor"), equals("mesh.size_factor", 1)),
-            when(given("geometry.regions.fluid"), given("fluid", *of_fluid[:2]), absent("fluid", *of_fluid)),
+            when(given("geometry.regions.fluid"), every([given("fluid"), openings]), absent("fluid", *of_fluid)),
             when(given("geometry.boundaries.supported"), given("support"), absent("support")),
             when(given("geometry.boundaries.loaded"), loads, absent("traction")),
         ]

@@ -151,7 +151,9 @@ def _walk(root: Model, location: tuple[int | str, ...]) -> Iterator[tuple[list[s
     for item in location:
         found = models(annotation)
         tagged = [model for model in found if any(item in _literals(model, tag) for tag in _TAGS)]
-        if len(found) > 1 and tagged:
+        if found and (several := _tables(annotation)):  # the tag of a union of one table and several
+            annotation = several[0] if item == "several" else found[0]
+        elif len(found) > 1 and tagged:
             annotation = tagged[0]
         else:
             key = [*key, str(item)]
@@ -159,9 +161,13 @@ def _walk(root: Model, location: tuple[int | str, ...]) -> Iterator[tuple[list[s
                 field = found[0].model_fields.get(str(item)) if len(found) == 1 else None
                 annotation = field.annotation if field else None
             else:
-                tables = [member for member in members(annotation)[0] if get_origin(member) is dict]
+                tables = _tables(annotation)
                 annotation = get_args(tables[0])[1] if tables else None
         yield key, models(annotation)
+
+
+def _tables(annotation: Any) -> list[Any]:
+    return [member for member in members(annotation)[0] if get_origin(member) is dict]
 
 
 def _locate(root: Model, location: tuple[int | str, ...]) -> tuple[str, Model | None]:

@@ -73,7 +73,9 @@ def named(table: Mapping[str, Any], of_scene: str, role: str, key: str) -> Mappi
         return table
     given = boundaries.get(role)
     resting = list(given) if isinstance(given, list | tuple) else [given]
-    found = [name for name in walls if name in resting and name not in moving]
+    found = [
+        name for name in walls if name in resting and name not in moving and isinstance(walls[name], Mapping | Table)
+    ]
     if not found:
         return table
     left = [name for name in resting if name not in found]

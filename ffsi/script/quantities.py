@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from ffsi.scene import Scene
+from ffsi.scene import Boundary, Scene, boundaries
 from ffsi.scene.geometry.channel_cylinder import ChannelCylinder
 
 
@@ -39,6 +39,10 @@ def _has_fluid(scene: Scene) -> bool:
     return scene.fluid is not None
 
 
+def _has_velocity_inlet(scene: Scene) -> bool:
+    return any(side.role == "inlet" for side in boundaries(scene)) if scene.inlet else _has_fluid(scene)
+
+
 def _has_whole_cylinder(scene: Scene) -> bool:
     return _has_fluid(scene) and isinstance(scene.geometry, ChannelCylinder) and scene.geometry.beam is None
 
@@ -46,6 +50,10 @@ def _has_whole_cylinder(scene: Scene) -> bool:
 _DROP = " - ".join(f"int1d(Tf, {end})(fp)/int1d(Tf, {end})(1.)" for end in ("inletLabels", "outletLabels"))
 _BOTH, _POINTS, _FLOW, _PARTS = ("sweep", "points"), ("points",), ("flow",), ("parts",)
 _TIP, _ROOF, _JACOBIAN = "Tip displacement", "Displacement of the roof's middle", "Smallest J = det F"
+_FLOW_THROUGH, _PRESSURE_AT = (
+    Quantity("flow_through", "m²/s", tables=_FLOW),
+    Quantity("pressure_at", "Pa", tables=_FLOW),
+)
 QUANTITIES = (
     Quantity("drag", "N/m", "drag", "Drag", _BOTH),
     Quantity("lift", "N/m", "lift", "Lift", _BOTH),
@@ -69,7 +77,9 @@ QUANTITIES = (
     Quantity("flow_rate_in", "m²/s", tables=_FLOW),
     Quantity("flow_rate_out", "m²/s", tables=_FLOW),
     Quantity("mass_balance", "1", tables=_FLOW),
-    Quantity("pressure_drop", "Pa", tables=_FLOW, formula=f"unitPressure*({_DROP})", where=_has_fluid),
+    Quantity("pressure_drop", "Pa", tables=_FLOW, formula=f"unitPressure*({_DROP})", where=_has_velocity_inlet),
+    _FLOW_THROUGH,
+    _PRESSURE_AT,
     Quantity("dome_inflow", "m²/s", tables=_FLOW),
     Quantity("dome_area", "m²", tables=_FLOW),
     Quantity("turnover_time", "s", tables=_FLOW),
@@ -84,4 +94,15 @@ QUANTITIES = (
 
 def reported(scene: Scene) -> list[Quantity]:
     """Return the quantities that the scene's script reports by their formulas."""
-    return [quantity for quantity in QUANTITIES if quantity.formula and quantity.where(scene)]
+    found = [quantity for quantity in QUANTITIES if quantity.formula and quantity.where(scene)]
+    return [*found, *(quantity for side in boundaries(scene) if side.opening for quantity in _of_opening(scene, side))]
+
+
+def _of_opening(scene: Scene, side: Boundary) -> list[Quantity]:
+    """Return the flow rate through one of several inlets (inwards) or outlets (outwards), and its mean pressure."""
+    sign, name, on = "-" if side.opening in scene.inlet else "", f"_{side.opening}", f"int1d(Th, {side.label})"
+    flow = f"{sign}unitVelocity*unitLength*{on}(vx*N.x+vy*N.y)"
+    return [
+        replace(_FLOW_THROUGH, name=_FLOW_THROUGH.name + name, formula=flow, history=True),
+        replace(_PRESSURE_AT, name=_PRESSURE_AT.name + name, formula=f"unitPressure*{on}(p)/{on}(1.)", history=True),
+    ]

@@ -7,6 +7,7 @@ parameters of the script with the scene's values as defaults.
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -20,10 +21,12 @@ from ffsi.scene.flow import WOMERSLEY
 from ffsi.scene.geometry import Aneurysm, ChannelGeometry
 from ffsi.scene.geometry.mesh import STORED
 from ffsi.scene.materials import CompressibleElastic, Elastic, InPlane, Solid
+from ffsi.scene.outlet import Outlet
 from ffsi.scene.units import Quantity
 from ffsi.scene.validation import of_field
 from ffsi.script import flux_tables
 from ffsi.script.formula import with_formulas
+from ffsi.script.openings import has_openings, openings
 from ffsi.script.parameters import OF_CONSISTENCY, Parameter, units_of
 from ffsi.script.quantities import reported
 from ffsi.script.walls import is_fixed, moving_walls, named_loads
@@ -176,6 +179,10 @@ def _context(scene: Scene, mumps: bool) -> dict[str, Any]:
         "bentLabels": [b.label for b in outline if b.circle and b.role == "no-slip"],
         "inletLabels": _labels(outline, "inlet"),
         "outletLabels": _labels(outline, "outlet"),
+        "doNothingLabels": _outlets_with(scene, outline, lambda each: each.kind != "zero-traction", pressed=True),
+        "hydrostaticLabels": _outlets_with(scene, outline, lambda each: bool(each.hydrostatic)),
+        "inletsAlongX": _straight_inlets(scene, outline, 0),
+        "inletsAlongY": _straight_inlets(scene, outline, 1),
         "throughLabels": _labels(outline, "inlet", "outlet"),
         "fluidLabels": [b.label for b in wet],
         "interfaceLabels": _labels(outline, "interface"),
@@ -190,6 +197,10 @@ def _context(scene: Scene, mumps: bool) -> dict[str, Any]:
         needed |= {"slipAcrossX", "slipAcrossY"}
     if fluid:
         needed |= {"restingLabels", "interfaceLabels", "wallLabels"}
+    if _straight_inlets(scene, outline, 0) + _straight_inlets(scene, outline, 1):
+        needed |= {"inletsAlongX", "inletsAlongY"}
+    if scene.inlet:
+        needed |= {"inletLabels"}
     return {
         "scene": scene,
         "mumps": mumps,
@@ -218,6 +229,8 @@ def _context(scene: Scene, mumps: bool) -> dict[str, Any]:
         "parts": parts,
         **moving_walls(scene, outline),
         **named_loads(scene, outline),
+        **openings(scene, outline),
+        "outlet_tables": [("", scene.only_outlet)] if scene.only_outlet else list(scene.outlets.items()),
         "strut_label": STRUTS,
         "inlet": scene.geometry.inlet if fluid and isinstance(scene.geometry, ChannelGeometry) else None,
         "fourier": scene.inflow and scene.inflow.fourier,
@@ -252,8 +265,11 @@ def _exact(scene: Scene, numbers: list[Parameter]) -> list[str]:
 
 def _structure(scene: Scene, *, parts: bool, varying: bool) -> list[str]:
     """Return the names of the macros that the scene's script defines: what it is made of."""
-    fluid, solid, time, outlet, geometry = scene.fluid, bool(scene.solid), scene.time, scene.outlet, scene.geometry
-    pressed, coupled, motion = outlet is not None and outlet.has_pressure, scene.physics == "fsi", scene.mesh_motion
+    fluid, solid, time, outlet, geometry = scene.fluid, bool(scene.solid), scene.time, scene.only_outlet, scene.geometry
+    outlets = [outlet] if outlet else list(scene.outlets.values())
+    pressed_inlets = any(inlet.pressure is not None for inlet in scene.inlet.values())
+    pressed = outlet is not None and outlet.has_pressure and not pressed_inlets
+    coupled, motion = scene.physics == "fsi", scene.mesh_motion
     bends = any(b.circle and b.role == "no-slip" for b in boundaries(scene))
     found = {
         "inTime": time,
@@ -277,15 +293,19 @@ def _structure(scene: Scene, *, parts: bool, varying: bool) -> list[str]:
         "hasLoads": scene.loads,
         "hasGivenBends": bends and not coupled,
         "hasParts": parts,
-        "hasDoNothing": outlet and outlet.kind != "zero-traction",
+        "hasNamedInlets": scene.inlet,
+        "hasInlets": any(inlet.pressure is None for inlet in scene.inlet.values()),
+        "hasOpenings": has_openings(scene),
+        "hasStraightInlets": any(inlet.direction == "normal" for inlet in scene.inlet.values()),
+        "hasDoNothing": pressed_inlets or any(each.kind != "zero-traction" for each in outlets),
         "hasOutletPressure": pressed,
         # Between rigid walls a constant pressure does no work: the flow is solved without it, what is written has it.
         "hasPressureLevel": pressed and not solid,
         "hasOutletLoad": pressed and solid,
         "hasResistance": outlet and pressed and outlet.kind != "pressure",
         "hasReservoir": outlet and pressed and outlet.law.stores and time,
-        "hasHydrostatic": outlet and outlet.hydrostatic,
-        "hasBackflow": outlet and outlet.backflow is not None,
+        "hasHydrostatic": any(each.hydrostatic for each in outlets),
+        "hasBackflow": any(each.backflow is not None for each in outlets),
         "hasRamp": scene.inflow and scene.inflow.ramp,
         "hasFourier": scene.inflow and scene.inflow.fourier,
         "hasWomersley": _womersley(scene),
@@ -306,8 +326,9 @@ def _structure(scene: Scene, *, parts: bool, varying: bool) -> list[str]:
 
 def _machinery(scene: Scene) -> list[str]:
     """Return the library's files that come after the weak form, in their order."""
-    outlet = scene.outlet
-    special = outlet is not None and (outlet.has_pressure or outlet.backflow is not None or outlet.hydrostatic)
+    outlet = scene.only_outlet
+    outlets = [outlet] if outlet else list(scene.outlets.values())
+    special = any(each.has_pressure or each.backflow is not None or each.hydrostatic for each in outlets)
     last = ["continuation", "failure", "sensitivities", "errors", "main"]
     if scene.time:
         first = ["womersley"] if _womersley(scene) else []
@@ -316,6 +337,7 @@ def _machinery(scene: Scene) -> list[str]:
         last = [*first, "energy", "start-of-step", *follow, "condensed", "step-forces", *wall]
         last += ["time-steps", "checkpoints", "failure-in-time", "main-in-time"]
     flow = [*(["loads"] if scene.loads else []), *(["outlet"] if special else [])]
+    flow += ["openings"] if has_openings(scene) else []
     flow += ["constant-rows", "residual", "jacobian", "newton", *(["forces"] if scene.fluid else [])]
     return [*flow, "output", "evidence", *last]
 
@@ -324,8 +346,33 @@ def _womersley(scene: Scene) -> bool:
     return scene.inflow is not None and scene.inflow.profile == WOMERSLEY and scene.inflow.fourier is not None
 
 
+def _outlets_with(
+    scene: Scene, outline: list[Boundary], has: Callable[[Outlet], bool], pressed: bool = False
+) -> list[int]:
+    """Return the labels of outlets with something, of inlets with a pressure if they have it; none without openings."""
+    if not has_openings(scene):
+        return []
+    tables = {side.label: scene.outlets.get(side.opening or "", scene.only_outlet) for side in outline}
+    inlets = [side.label for side in outline if side.opening in scene.inlet]
+    return [
+        label
+        for label in _labels(outline, "outlet")
+        if (pressed if label in inlets else (table := tables[label]) is not None and has(table))
+    ]
+
+
+def _straight_inlets(scene: Scene, outline: list[Boundary], axis: int) -> list[int]:
+    """Return the labels of inlets with a pressure through which fluid comes along an axis only."""
+    normal = {name for name, inlet in scene.inlet.items() if inlet.direction == "normal"}
+    places = scene.geometry.named_inlets if isinstance(scene.geometry, ChannelGeometry) else {}
+    along = [side for side in outline if side.opening in normal and side.role == "outlet"]
+    return [side.label for side in along if abs(places[side.opening or ""].inward[axis]) > 0.5]
+
+
 def _waveform(scene: Scene) -> str:
     """Return the waveform as FreeFEM text: a formula in t, or the sum of its Fourier series; Womersley's has it."""
+    if scene.inlet:
+        return "LargestInletFactor(at)"
     if scene.inflow is None or _womersley(scene):
         return "1"
     return "Waveform(at)" if scene.inflow.fourier else f"({scene.inflow.waveform_expression.to_freefem()})"

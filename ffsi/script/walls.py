@@ -16,12 +16,12 @@ def moving_walls(scene: Scene, outline: list[Boundary]) -> dict[str, Any]:
     names = [side.moving for side in outline if side.moving]
     if not names:
         return {"moving": {}}
-    values = {f"wall{_camel(key)}": _variables("walls", names, key) for key in _WALL}
+    values = {f"wall{camel(key)}": variables("walls", names, key) for key in _WALL}
     for key in _WALL:
         numbers = [float(getattr(scene.walls[name], key)) for name in names]
         unit = "/unitLength" if key.startswith("centre") else ""
-        pairs = zip(names, numbers, values[f"wall{_camel(key)}"], strict=True)
-        values[f"wall{_camel(key)}"] = [
+        pairs = zip(names, numbers, values[f"wall{camel(key)}"], strict=True)
+        values[f"wall{camel(key)}"] = [
             f"{value!r}{unit}" if is_fixed(f"walls.{name}.{key}", value) else variable
             for name, value, variable in pairs
         ]
@@ -30,7 +30,7 @@ def moving_walls(scene: Scene, outline: list[Boundary]) -> dict[str, Any]:
         values["wallFactors"] = [f"Ramp(at)*({wave.to_freefem()})" if wave else "InflowFactor(at)" for wave in waves]
     speeds = [f"abs({x})" for key in ("VelocityX", "VelocityY") for x in values[f"wall{key}"]]
     speeds += [f"abs({x})*unitLength" for x in values["wallRotation"]]
-    return {"moving": _arrays(values), "speed_of_walls": " + ".join(speeds)}
+    return {"moving": arrays(values), "speed_of_walls": " + ".join(speeds)}
 
 
 def is_fixed(key: str, value: float) -> bool:
@@ -43,20 +43,22 @@ def named_loads(scene: Scene, outline: list[Boundary]) -> dict[str, Any]:
     names = [side.load for side in outline if side.load]
     if not names:
         return {"loads": {}}
-    values = {f"load{_camel(key)}": _variables("loads", names, key) for key in _LOAD}
+    values = {f"load{camel(key)}": variables("loads", names, key) for key in _LOAD}
     if scene.time:
         values["loadWaveforms"] = [f"({scene.loads[name].expression.to_freefem()})" for name in names]
-    return {"loads": _arrays(values), "load_follows": [scene.loads[name].following for name in names]}
+    return {"loads": arrays(values), "load_follows": [scene.loads[name].following for name in names]}
 
 
-def _camel(key: str) -> str:
+def camel(key: str) -> str:
+    """Return the words of a key as a part of the name of a variable."""
     return "".join(word.capitalize() for word in key.split("_"))
 
 
-def _variables(table: str, names: Sequence[str], key: str) -> list[str]:
+def variables(table: str, names: Sequence[str], key: str) -> list[str]:
     """Return the script's variables of a key of several tables."""
-    return [f"{table}{_camel(name)}{_camel(key)}" for name in names]
+    return [f"{table}{camel(name)}{camel(key)}" for name in names]
 
 
-def _arrays(values: dict[str, list[str]]) -> dict[str, str]:
+def arrays(values: dict[str, list[str]]) -> dict[str, str]:
+    """Return lists of texts as FreeFEM's arrays."""
     return {name: f"[{', '.join(texts)}]" for name, texts in values.items()}

@@ -83,7 +83,7 @@ def test_a_key_says_what_is_accepted():
 
 @pytest.mark.parametrize(
     ("pattern", "first", "count"),
-    [("outlet", "outlet.kind", 8), ("*velocity", "inflow.mean_velocity", 2), ("solid.flap.c10", "solid.NAME.c10", 1)],
+    [("outlet", "outlet.kind", 16), ("*velocity", "inflow.mean_velocity", 4), ("solid.flap.c10", "solid.NAME.c10", 1)],
 )
 def test_the_command_lists_a_table_or_a_pattern(pattern, first, count, capsys):
     with pytest.raises(SystemExit) as ended:
@@ -96,8 +96,8 @@ def test_the_command_lists_a_table_or_a_pattern(pattern, first, count, capsys):
     ("arguments", "message"),
     [
         (["fluid.densty"], "no key is 'fluid.densty' (did you mean \"fluid.density\"?)"),
-        (["turek-fsi1", "peak"], "no key of turek-fsi1 is 'peak' (did you mean \"inflow.peak_velocity\"?)"),
-        (["_velocity"], '(did you mean "inflow.mean_velocity", "inflow.peak_velocity"?)'),
+        (["turek-fsi1", "peak"], "no key of turek-fsi1 is 'peak' (did you mean \"inflow.peak_velocity\", "),
+        (["_velocity"], '(did you mean "inflow.mean_velocity", "inflow.peak_velocity", '),
         (["xyz"], "no key is 'xyz'"),
         (["fluid", "--markdown"], "--markdown prints all keys: give no CASE, no PATTERN and no --json"),
     ],

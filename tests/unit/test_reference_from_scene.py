@@ -144,7 +144,7 @@ def test_solid_alone_has_neither_fluid_nor_inflow():
 
 def test_unknown_material_is_refused():
     scene = CASES["flap-svk"]
-    fake = SimpleNamespace(**{key: getattr(scene, key) for key in (*type(scene).model_fields, "physics")})
+    fake = SimpleNamespace(**{key: getattr(scene, key) for key in (*type(scene).model_fields, "physics", "outlets")})
     fake.solid = {"flap": SimpleNamespace(material="rubber", density=1.0)}
     fake.inflow = None
     with pytest.raises(ValueError, match=r"solid\.flap: the reference checker does not know the material 'rubber'"):

@@ -53,6 +53,10 @@ def keys_of(schema: dict[str, Any], prefix: str = "", only: str = "") -> dict[tu
     found = {}
     for name, inner in resolved(schema).get("properties", {}).items():
         key, inner = f"{prefix}{name}", resolved(inner)
+        if "oneOf" in inner and "discriminator" not in inner:  # one table, or several by name
+            for choice in inner["oneOf"]:
+                found |= keys_of({"properties": {name: choice}}, prefix, only)
+            continue
         if isinstance(inner.get("additionalProperties"), dict):
             key, inner = f"{key}.NAME", resolved(inner["additionalProperties"])
         if "discriminator" in inner:

@@ -104,6 +104,11 @@ class ChannelGeometry(GeometryBase):
         """Where the fluid enters; the mesh template gives the script the same as inletX, ..., inletHeight."""
 
     @property
+    def named_inlets(self) -> dict[str, Inlet]:
+        """The inlets by the name of their boundary."""
+        return {"inlet": self.inlet}
+
+    @property
     @abstractmethod
     def outlet_points(self) -> list[tuple[float, float]]:
         """Points (x, y) of the outlet in m, the ends of a straight one."""

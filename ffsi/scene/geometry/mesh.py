@@ -14,7 +14,7 @@ from pydantic import Field, PlainSerializer, PrivateAttr, ValidationInfo, field_
 
 from ffsi.files.arrays import Floats
 from ffsi.scene.base import Table, refuse
-from ffsi.scene.boundaries import LOADS, MOVING, OUTLET, PARTS, Boundary, Inlet
+from ffsi.scene.boundaries import INLETS, LOADS, MOVING, OUTLET, OUTLETS, PARTS, Boundary, Inlet
 from ffsi.scene.errors import Problem, SceneError, join, names, number_text, short
 from ffsi.scene.geometry.base import ChannelGeometry, Physics
 from ffsi.scene.units import Checked, Coordinate, to_si
@@ -114,6 +114,16 @@ class MeshGeometry(ChannelGeometry):
         description="boundaries of the solids with a load, by name: the scene's table `loads` says which; a name in "
         "`boundaries.loaded` that has a table there is moved here",
     )
+    inlets: dict[str, GroupNames] = Field(
+        default_factory=dict,
+        description="several inlets by name: the scene's tables `inlet.NAME` say what happens there; a name in "
+        "`boundaries.inlet` that has such a table is moved here",
+    )
+    outlets: dict[str, GroupNames] = Field(
+        default_factory=dict,
+        description="several outlets by name, with the tables `outlet.NAME`; a name in `boundaries.outlet` that has "
+        "such a table is moved here",
+    )
     tip: Point | None = Field(
         None,
         description="point of tip_ux and tip_uy, m; without it the vertex of the solids farthest from what is held",
@@ -137,7 +147,7 @@ class MeshGeometry(ChannelGeometry):
             refuse([Problem("", f'{error}; accepted: a unit of length such as "mm"', short(unit))])
         return unit
 
-    @field_validator("regions", "parts", "probes", "moving", "loads")
+    @field_validator("regions", "parts", "probes", "moving", "loads", "inlets", "outlets")
     @classmethod
     def _plain_names(cls, table: dict[str, Any], info: ValidationInfo) -> dict[str, Any]:
         accepted = "a small letter, then small letters and digits, at most 30 in all"
@@ -168,10 +178,17 @@ class MeshGeometry(ChannelGeometry):
 
     def _missing(self) -> Iterator[Problem]:
         for key in ("inlet", "outlet"):
-            given = getattr(self.boundaries, key) is not None
-            if "fluid" in self.regions and not given:
+            left, several = getattr(self.boundaries, key) or (), getattr(self, f"{key}s")
+            given = bool(left)
+            if several and given:
+                text = f"each needs a table {key}.NAME of the scene, as {names(several)}; without one: {names(left)}"
+                yield Problem(f"boundaries.{key}", text)
+            if several and "fluid" not in self.regions:
+                yield Problem(f"{key}s", 'only accepted where geometry.regions has a "fluid"')
+            if "fluid" in self.regions and not given and not several:
                 yield Problem(f"boundaries.{key}", f"missing; {MeshBoundaries.model_fields[key].description}")
-        for key, most in (("moving", PARTS - MOVING), ("loads", MOVING - LOADS)):
+        of_openings = (("inlets", OUTLETS - INLETS), ("outlets", OUTLETS - INLETS))
+        for key, most in (("moving", PARTS - MOVING), ("loads", MOVING - LOADS), *of_openings):
             if len(getattr(self, key)) > most:
                 yield Problem(key, f"accepted: at most {most}", str(len(getattr(self, key))))
         for key in ("inlet", "outlet", "walls", "slip"):
@@ -200,6 +217,8 @@ class MeshGeometry(ChannelGeometry):
             tuple(self.parts.items()),
             tuple(self.moving.items()),
             tuple(self.loads.items()),
+            tuple(self.inlets.items()),
+            tuple(self.outlets.items()),
         )
 
     def __eq__(self, other: object) -> bool:
@@ -231,7 +250,7 @@ class MeshGeometry(ChannelGeometry):
         naming = _meshes().stored_naming(self._mesh, self._naming)
         boundaries = MeshBoundaries(**dict(naming.boundaries))
         changes = {"regions": dict(naming.regions), "boundaries": boundaries, "parts": dict(naming.parts)}
-        changes |= {"moving": dict(naming.moving), "loads": dict(naming.loads)}
+        changes |= {key: dict(getattr(naming, key)) for key in ("moving", "loads", "inlets", "outlets")}
         return self.model_copy(update={"file": STORED, "unit": "m", **changes})
 
     @property
@@ -241,13 +260,17 @@ class MeshGeometry(ChannelGeometry):
 
     @property
     def inlet(self) -> Inlet:
-        """Where the fluid enters."""
-        assert self._mesh.inlet is not None
-        return self._mesh.inlet
+        """Where the fluid enters; the widest of several inlets."""
+        return max(self._mesh.inlets.values(), key=lambda inlet: inlet.height)
+
+    @property
+    def named_inlets(self) -> dict[str, Inlet]:
+        """Each of several inlets; the name of the only one is empty."""
+        return self._mesh.inlets
 
     @property
     def outlet_points(self) -> list[tuple[float, float]]:
-        """The vertices of the outlet."""
+        """The vertices of the only outlet."""
         mesh = self._mesh
         found = mesh.vertices[np.unique(mesh.edges[mesh.label == OUTLET])]
         return [(x, y) for x, y in found.tolist()]

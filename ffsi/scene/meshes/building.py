@@ -12,7 +12,21 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from ffsi.files.arrays import Floats, Ints
-from ffsi.scene.boundaries import CLAMPED, INLET, LOADS, MOVING, SLIP_X, SLIP_Y, SUPPORTED, SURFACE, Boundary, Inlet
+from ffsi.scene.boundaries import (
+    CLAMPED,
+    INLET,
+    INLETS,
+    LOADS,
+    MOVING,
+    OPENINGS_END,
+    OUTLETS,
+    SLIP_X,
+    SLIP_Y,
+    SUPPORTED,
+    SURFACE,
+    Boundary,
+    Inlet,
+)
 from ffsi.scene.errors import Problem, SceneError, count, fault, names, place, short
 from ffsi.scene.meshes import topology as checks
 from ffsi.scene.meshes.curves import FLUID, ROLES, Curves, Naming, Part, chosen_groups
@@ -39,6 +53,7 @@ class DomainMesh:
     Edges (ne, 2) with a label (ne,) are boundaries and interfaces; the fluid, or the only triangle, is on their left.
     Areas are those of the regions by the scene's names, in the order of their numbers. A solid is loose that nothing
     holds, neither itself nor through another solid, or a piece of it: that piece's place in words, by the solid's name.
+    The inlets are by name, the only one by "".
     """
 
     vertices: Floats
@@ -48,7 +63,7 @@ class DomainMesh:
     label: Ints
     areas: dict[str, float]
     boundaries: tuple[Boundary, ...]
-    inlet: Inlet | None
+    inlets: dict[str, Inlet]
     loose: dict[str, str]
 
     @cached_property
@@ -145,7 +160,13 @@ def _domain_mesh(path: Path, unit: str, metres: float, naming: Naming, _: tuple[
             _boundary(value, parts, naming, float(lengths[label[chosen] == value].sum()))
             for value in np.unique(label[chosen]).tolist()
         ),
-        inlet=_inlet(vertices, edges[label[chosen] == INLET], unit, metres) if "fluid" in naming.numbers else None,
+        inlets={
+            name: _inlet(
+                vertices, edges[label[chosen] == number], unit, metres, f"inlets.{name}" if name else "boundaries.inlet"
+            )
+            for number, name in [(INLET, ""), *enumerate((name for name, _ in naming.inlets), start=INLETS)]
+            if number in label
+        },
         loose=_pieces_without(topology, region, held, naming),
     )
 
@@ -161,6 +182,12 @@ def _boundary(label: int, parts: dict[int, Part], naming: Naming, length: float)
     if LOADS <= label < LOADS + len(naming.loads):
         name = naming.loads[label - LOADS][0]
         return Boundary(name, label, "loaded", length, load=name)
+    if INLETS <= label < OPENINGS_END:
+        role, names_of, first = (
+            ("inlet", naming.inlets, INLETS) if label < OUTLETS else ("outlet", naming.outlets, OUTLETS)
+        )
+        name = names_of[label - first][0]
+        return Boundary(name, label, ROLES[role].role, length, opening=name)
     if label in SLIP:
         return Boundary(SLIP[label], label, "slip", length)
     if label == SURFACE:
@@ -259,13 +286,13 @@ def _refuse_dry_solids(topology: Topology, region: Ints, naming: Naming) -> None
         raise SceneError(problems)
 
 
-def _inlet(vertices: Floats, edges: Ints, unit: str, metres: float) -> Inlet:
+def _inlet(vertices: Floats, edges: Ints, unit: str, metres: float, key: str) -> Inlet:
     """Return the inlet: its edges have the fluid on their left, and it runs the other way, from the end of the last."""
     firsts, lasts = set(edges[:, 0].tolist()), set(edges[:, 1].tolist())
     ends, starts = sorted(firsts - lasts), sorted(lasts - firsts)
     if len(starts) != 1 or len(ends) != 1:
         what = f"it has {len(starts)} pieces" if starts else "it closes on itself"
-        raise fault(f"must be one connected straight piece; {what}", "boundaries.inlet")
+        raise fault(f"must be one connected straight piece; {what}", key)
     start, end = vertices[starts[0]], vertices[ends[0]]
     length = float(np.linalg.norm(end - start))
     along = (end - start) / length
@@ -274,7 +301,7 @@ def _inlet(vertices: Floats, edges: Ints, unit: str, metres: float) -> Inlet:
     if away.max() > STRAIGHT * length:
         point = (start + offset[int(np.argmax(away))]) / metres
         text = f"must be straight; at {place(point, unit)} it is {away.max() / metres:.3g} {unit}"
-        raise fault(f"{text} away from the line between its ends", "boundaries.inlet")
+        raise fault(f"{text} away from the line between its ends", key)
     inward = (float(along[1]), float(-along[0]) + 0.0)  # no -0.0
     return Inlet((float(start[0]), float(start[1])), inward, length)
 
@@ -299,7 +326,7 @@ def stored_naming(mesh: DomainMesh, naming: Naming) -> Naming:
         key: tuple(
             str(e.label)
             for e in mesh.boundaries
-            if not (e.moving or e.load)
+            if not (e.moving or e.load or e.opening)
             and (e.label == meant.label or ((e.part or e.role == "slip") and e.role == meant.role))
         )
         for key, meant in ROLES.items()
@@ -311,4 +338,6 @@ def stored_naming(mesh: DomainMesh, naming: Naming) -> Naming:
         tuple((edges.part, (str(edges.label),)) for edges in mesh.boundaries if edges.part),
         tuple((name, tuple(str(e.label) for e in mesh.boundaries if e.moving == name)) for name, _ in naming.moving),
         tuple((name, tuple(str(e.label) for e in mesh.boundaries if e.load == name)) for name, _ in naming.loads),
+        tuple((name, (str(number),)) for number, (name, _) in enumerate(naming.inlets, start=INLETS)),
+        tuple((name, (str(number),)) for number, (name, _) in enumerate(naming.outlets, start=OUTLETS)),
     )

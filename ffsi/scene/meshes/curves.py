@@ -11,11 +11,13 @@ from ffsi.files.arrays import Floats, Ints
 from ffsi.scene.boundaries import (
     CLAMPED,
     INLET,
+    INLETS,
     LOADED,
     LOADS,
     MOVING,
     OUTER,
     OUTLET,
+    OUTLETS,
     PARTS,
     SLIP_X,
     SLIP_Y,
@@ -65,13 +67,15 @@ class Part(NamedTuple):
 
 
 class Naming(NamedTuple):
-    """What "fluid", each solid, key of `ROLES`, part, moving wall and load have in the file, in the scene's order."""
+    """What "fluid", each solid, key of `ROLES`, part, moving wall, load and opening have, in the scene's order."""
 
     regions: tuple[tuple[str, Names], ...]
     boundaries: tuple[tuple[str, Names], ...]
     parts: tuple[tuple[str, Names], ...]
     moving: tuple[tuple[str, Names], ...] = ()
     loads: tuple[tuple[str, Names], ...] = ()
+    inlets: tuple[tuple[str, Names], ...] = ()
+    outlets: tuple[tuple[str, Names], ...] = ()
 
     @property
     def numbers(self) -> dict[str, int]:
@@ -138,6 +142,9 @@ class Curves:
             roles.append((f"moving.{name}", ROLES["walls"]._replace(label=number), wanted))
         for number, (name, wanted) in enumerate(naming.loads, start=LOADS):
             roles.append((f"loads.{name}", ROLES["loaded"]._replace(label=number), wanted))
+        for key, first, several in (("inlet", INLETS, naming.inlets), ("outlet", OUTLETS, naming.outlets)):
+            for number, (name, wanted) in enumerate(several, start=first):
+                roles.append((f"{key}s.{name}", ROLES[key]._replace(label=number), wanted))
         for key, role, wanted in roles:
             for name, group in chosen_groups(wanted, self.groups, key, "boundary", problems):
                 edges = self._edges(group, key)

@@ -1,0 +1,85 @@
+"""Inlets and outlets of the fluid: what is wrong with their tables, the only ones or several by name."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from ffsi.scene.errors import Problem, names, nearest, short
+from ffsi.scene.flow import Inflow, Inlet, velocity_problems, with_mean_velocity
+from ffsi.scene.geometry import ChannelGeometry, GeometryBase, MeshGeometry
+from ffsi.scene.outlet import Outlet
+from ffsi.scene.time import Time
+
+_NO_TIME = "only accepted in a scene with a table time (time.step and time.end)"
+_ALONG_AXIS = 1e-9
+
+
+def inflow_problems(inflow: Inflow, height: float, time: Time | None, table: str) -> Iterator[Problem]:
+    """Yield what is wrong with an inflow of a ``table`` through an inlet of a height, m."""
+    y = np.linspace(0.0, height, 201)
+    bad = y[~np.isfinite(inflow.expression.evaluate(y=y, H=height))]
+    if bad.size:
+        text = f"not finite at y = {bad[0]:.4g} m; accepted: a formula that is defined for y from 0 to H"
+        yield Problem(f"{table}.profile", text, short(inflow.profile))
+    elif inflow.mean_velocity is None:
+        yield from velocity_problems(inflow, height, table)
+    if time is None:
+        for key in ("ramp", "waveform", "series"):
+            if (value := getattr(inflow, key)) is not None:
+                yield Problem(f"{table}.{key}", _NO_TIME, short(value) + (" s" if key == "ramp" else ""))
+        return
+    t = np.linspace(0.0, time.end, 2001)
+    bad = t[~np.isfinite(inflow.factor(t))]
+    if bad.size and inflow.fourier is None:
+        text = f"not finite at t = {bad[0]:.4g} s; accepted: a formula that is defined for t from 0 to time.end"
+        yield Problem(f"{table}.waveform", text, short(inflow.waveform))
+
+
+def opening_problems(
+    inlets: Mapping[str, Inlet], outlets: Mapping[str, Outlet], geometry: GeometryBase, time: Time | None, weight: bool
+) -> Iterator[Problem]:
+    """Yield what is wrong with several inlets and outlets; ``weight``: whether the scene has gravity."""
+    if not isinstance(geometry, ChannelGeometry):
+        return
+    yield from _name_problems("inlet", inlets, geometry)
+    yield from _name_problems("outlet", outlets, geometry)
+    for name in inlets.keys() & outlets.keys():
+        yield Problem(f"outlet.{name}", "an inlet has this name; accepted: a name of its own")
+    for name in inlets.keys() & geometry.named_inlets.keys():
+        inlet, place = inlets[name], geometry.named_inlets[name]
+        yield from inflow_problems(inlet, place.height, time, f"inlet.{name}")
+        if inlet.direction == "normal" and min(map(abs, place.inward)) > _ALONG_AXIS:
+            text = "only accepted at an inlet that is parallel to an axis"
+            yield Problem(f"inlet.{name}.direction", text, short(inlet.direction))
+    for name, outlet in outlets.items():
+        if outlet.hydrostatic and not weight:
+            yield Problem(f"outlet.{name}.hydrostatic", "only accepted in a scene with a table gravity", "true")
+        if outlet.law.stores and time is not None:
+            text = "in time only accepted as the only outlet, in the table outlet"
+            yield Problem(f"outlet.{name}.kind", text, short(outlet.kind))
+
+
+def _name_problems(role: str, tables: Mapping[str, object], geometry: ChannelGeometry) -> Iterator[Problem]:
+    """Yield the tables without a boundary, and boundaries without a table."""
+    own = isinstance(geometry, MeshGeometry)
+    known = list(getattr(geometry, f"{role}s")) if own else [role]
+    able = [*known, *(getattr(geometry.boundaries, role) or ())] if isinstance(geometry, MeshGeometry) else known
+    for name in tables:
+        if name not in known:
+            text = f"no {role} of this name; accepted: {names(able)}"
+            yield Problem(f"{role}.{name}", text, None, nearest(name, able))
+    for name in known if own else ():
+        if name not in tables:
+            yield Problem(f"{role}.{name}", f"missing; geometry.{role}s names one of several {role}s")
+
+
+def with_mean_velocities(inlets: Mapping[str, Inlet], geometry: ChannelGeometry) -> dict[str, Inlet]:
+    """Return the inlets with mean_velocity in the place of peak_velocity or flow_rate."""
+    return {
+        name: inlet
+        if inlet.mean_velocity is not None or inlet.pressure is not None
+        else with_mean_velocity(inlet, geometry.named_inlets[name].height)
+        for name, inlet in inlets.items()
+    }
