@@ -43,6 +43,7 @@ VERIFY: Kinds = {
     "--long": ("verification.in_time", "main_long", _LONG),
     "--blood": ("verification.blood", "main", _LONG),
     "--hard": ("verification.hard", "main", ("jobs", "runs", "out", "only")),
+    "--errors": ("verification.errors", "main", ("jobs", "runs", "out")),
     "--acid": ("verification.acid", "main", ("jobs", "runs", "out")),
 }
 BENCH: Kinds = {
@@ -74,6 +75,7 @@ def verify(
     acid: Annotated[
         bool, _option("acid", "Tests of the literature that others fail, or that are exact (takes minutes).")
     ] = False,
+    errors: Annotated[bool, _option("errors", "Error bars against errors instead (takes half an hour).")] = False,
     jobs: Jobs = None,
     only: Annotated[str | None, _option("only", "With --hard: names such as h-*.", "GLOB,...", "all")] = None,
     runs: Runs = None,
@@ -85,7 +87,14 @@ def verify(
     Exit codes: 0 all runs solved and checked, else as `ffsi run`; errors against published values do not count. With
     --hard 0 if all is as expected; 1 also if a number or a cause is wrong.
     """
-    flags = {"--unsteady": unsteady, "--long": long, "--blood": blood, "--hard": hard, "--acid": acid}
+    flags = {
+        "--unsteady": unsteady,
+        "--long": long,
+        "--blood": blood,
+        "--hard": hard,
+        "--acid": acid,
+        "--errors": errors,
+    }
     _do("verify", VERIFY, flags, {"jobs": jobs, "runs": runs, "out": out, "readme": readme, "only": only})
 
 

@@ -250,12 +250,12 @@ def run_all(scenes: Mapping[str, Scene], runs: Path, jobs: int = 1, label: str =
     return found
 
 
-def run_one(name: str, scene: Scene, directory: Path, on_event: OnEvent | None = None) -> Run:
-    """Run a scene in its folder, or what is missing of it, with one thread."""
+def run_one(name: str, scene: Scene, directory: Path, on_event: OnEvent | None = None, *, error: bool = False) -> Run:
+    """Run a scene in its folder, or what is missing of it, with one thread; with `error` its quantities have bars."""
     state = _state(scene, directory)
     if state != "finished":
         try:
-            solve(scene, directory, on_event=on_event, threads=1, resume=state == "begun")
+            solve(scene, directory, on_event=on_event, threads=1, resume=state == "begun", error=error)
         except FreeFEMNotFound:
             raise
         except FreeFEMError:  # the result says so

@@ -13,11 +13,12 @@ from ffsi.files.arrays import Floats, Ints, RawMesh, RawState, read_mesh, read_s
 from ffsi.files.cycles import read_cycles
 from ffsi.files.json_types import read_table
 from ffsi.files.steps import WINDKESSEL, read_steps
+from ffsi.reference.estimates import estimates
 from ffsi.reference.forces import Forces, compute_forces
 from ffsi.reference.from_scene import problem_from_scene, refuse_other_parameters, refuse_other_step, theta_of
 from ffsi.reference.history import History, reservoirs
 from ffsi.reference.ordinary import ALLOWED, LARGEST, Corrector
-from ffsi.reference.quantities import Quantity, at_outlet, compare, energies, recompute
+from ffsi.reference.quantities import Difference, Quantity, at_outlet, compare, energies, recompute
 from ffsi.reference.relative import largest, relative
 from ffsi.reference.residual import compute_residual
 from ffsi.reference.sensitivities import derivatives, flattened
@@ -30,9 +31,13 @@ from ffsi.scene import Scene
 TOLERANCE = 1e-8
 Shown = Callable[[Scene, RawMesh, RawState], tuple[Ints, Floats]]
 """What is shown to people of the stress on the walls: nodes in the middle of their edges, and (n, 2) Pa there."""
-QUANTITIES, STEP_ERROR, SLOPES = "quantities_difference", "step_error", "sensitivities_difference"
+QUANTITIES, STEP_ERROR = "quantities_difference", "step_error"
+SLOPES, ERRORS = "sensitivities_difference", "errors_difference"
 # Derivatives of a slender solid lose to its conditioning what their quantities do not.
 ALLOWED_OF_SLOPES = 1e-6
+# Likewise estimates of errors, which are smaller; and the most P2 nodes of a mesh on which they are computed again.
+ALLOWED_OF_ERRORS = 1e-5
+LARGEST_OF_ERRORS = 3000
 _SAME = 1e-9
 # Residuals of an ordinary step that say nothing: large, where a solid is stiff. The others are linear, and exact.
 _INEXACT = {"momentum", "continuity", "incompressibility"}
@@ -47,6 +52,7 @@ _WORDS = {
     "kinematics": "largest solid velocity, less that of its displacement, relative to the largest velocity",
     "mesh_motion": "relative residual of the mesh motion",
     "incompressibility": "relative residual of the volume of mixed solids",
+    ERRORS: "largest relative difference between an estimated and a re-estimated error",
     "dirichlet": "largest relative deviation from a prescribed value",
     "drag_difference": "relative difference between reported and recomputed drag",
     "lift_difference": "relative difference between reported and recomputed lift",
@@ -68,7 +74,8 @@ class CheckReport:
     ``momentum``, ``continuity``, ``kinematics``, ``mesh_motion``, ``incompressibility`` (volume of mixed solids):
     residuals as docs/theory.md scales them; the others in the words of a failure (``_WORDS``). ``outlet_difference``
     has the pressure of the reservoir behind the outlet, too, ``wall_difference`` the sums over cycles; ``step_error``
-    may be at most ``ordinary.ALLOWED``, ``sensitivities_difference`` ``ALLOWED_OF_SLOPES``.
+    may be at most ``ordinary.ALLOWED``, ``sensitivities_difference`` ``ALLOWED_OF_SLOPES``,
+    ``errors_difference`` ``ALLOWED_OF_ERRORS``.
     ``min_jacobian``: smallest det F. ``forces``: the recomputed ones, both forms.
     ``failures``: one sentence for each number above ``tolerance``.
     Of several time steps every number is the worst, and the forces are those of the last one.
@@ -87,6 +94,7 @@ class CheckReport:
     wall_difference: float | None
     quantities_difference: float | None
     sensitivities_difference: float | None
+    errors_difference: float | None
     step_error: float | None
     min_jacobian: float
     tolerance: float
@@ -143,6 +151,14 @@ def check_run(
         reported = read_table(slopes)
         worst = compare(derivatives(scene, mesh, state, reported), flattened(reported))
         found.numbers[SLOPES], found.words[SLOPES] = worst.difference, worst.words
+    bars = directory / folder.numbered(folder.ERRORS, point)
+    if bars.is_file() and mesh.n_p2 <= LARGEST_OF_ERRORS and (estimated := read_table(bars)["errors"]):
+        worst = compare(estimates(scene, mesh, state), {name: item["estimate"] for name, item in estimated.items()})
+        if narrow := next(
+            (name for name, item in estimated.items() if not item["bar"] >= 2 * abs(item["estimate"])), ""
+        ):
+            worst = Difference(math.inf, f"the bar of {narrow} is less than twice its estimate")
+        found.numbers[ERRORS], found.words[ERRORS] = worst.difference, worst.words
     return _report([found], tolerance)
 
 
@@ -310,7 +326,7 @@ def _failures(worst: Mapping[str, _Findings], inverted: _Findings, tolerance: fl
     failures = []
     forces: dict[str, Forces] = {}
     for name, found in worst.items():
-        allowed = {STEP_ERROR: ALLOWED, SLOPES: ALLOWED_OF_SLOPES}.get(name, tolerance)
+        allowed = {STEP_ERROR: ALLOWED, SLOPES: ALLOWED_OF_SLOPES, ERRORS: ALLOWED_OF_ERRORS}.get(name, tolerance)
         if not (number := found.numbers[name]) <= allowed:
             more = f" ({found.words[name]})" if name in found.words else ""
             failures.append(f"{name}: the {_WORDS[name]} is {number:.2e}{found.place}{more}, allowed is {allowed:.0e}")

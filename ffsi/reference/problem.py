@@ -119,6 +119,7 @@ class Problem:
     loaded, Pa per reference length; ``support`` what holds boundaries with the role supported;
     ``mean_velocity`` and ``reference_length`` scale the force coefficients; ``names`` of the solids by region;
     ``points`` by name, where the displacement is reported, reference coordinates in m; ``manufactured`` is for tests.
+    With ``chords`` vertices on circles are those of a refined mesh, and may lie on chords.
     Raises ``ValueError`` where the pieces do not fit together.
     """
 
@@ -137,6 +138,7 @@ class Problem:
     names: Mapping[int, str] = field(default_factory=dict)
     points: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     manufactured: Manufactured | None = None
+    chords: bool = False
 
     def __post_init__(self) -> None:
         """Refuse a problem that lacks what its regions and boundaries need."""

@@ -33,7 +33,7 @@ def by_name(quantity: str, key: str) -> str:
 def derivatives(scene: Scene, mesh: RawMesh, state: RawState, keys: Iterable[str]) -> dict[str, Quantity]:
     """Return the derivative of every quantity by each of the parameters, in SI, by ``by_name``."""
     system, known = System.build(problem_from_scene(scene), mesh), scene.parameters()
-    values = _quantities(system, state)
+    values = values_of(system, state)
     factors, matrix, found = Factors.of(system, state), jacobian(system, state), {}
     for key in keys:
         size = abs(known[key]) or 1.0
@@ -48,7 +48,7 @@ def derivatives(scene: Scene, mesh: RawMesh, state: RawState, keys: Iterable[str
         tangent = factors.solution(system, state, rows)
         left = rows + matrix @ flat(tangent)
         tangent = moved(tangent, factors.solution(system, state, left))
-        ends = {place: _quantities(systems[place], moved(state, tangent, place * h)) for place in _STENCIL}
+        ends = {place: values_of(systems[place], moved(state, tangent, place * h)) for place in _STENCIL}
         for name, quantity in values.items():
             slope = sum(weight / h * ends[place][name].value for place, weight in _STENCIL.items())
             found[by_name(name, key)] = Quantity(slope, max(abs(slope), _SMALL * quantity.scale / size))
@@ -60,6 +60,7 @@ def flattened(reported: Mapping[str, Any]) -> dict[str, Any]:
     return {by_name(name, key): slope for key, slopes in reported.items() for name, slope in slopes.items()}
 
 
-def _quantities(system: System, state: RawState) -> dict[str, Quantity]:
+def values_of(system: System, state: RawState) -> dict[str, Quantity]:
+    """Return every quantity of a steady state."""
     forces = compute_forces(system, state, compute_residual(system, state))
     return recompute(system, state, forces) | at_outlet(system, state)

@@ -63,7 +63,7 @@ def solve(
     out. Raises ``ConvergenceError`` after ``max_iterations`` corrections, for a singular Jacobian, if no step is short
     enough, or if the start has a triangle inside out.
     """
-    state = _impose(system, start or system.rows.prescribed)
+    state = impose(system, start or system.rows.prescribed)
     residual = compute_residual(system, state)
     if not residual.min_jacobian > 0.0:
         raise ConvergenceError(f"{system.problem.name}: the start turns a triangle inside out")
@@ -153,7 +153,7 @@ def _sliding(system: System) -> csc_array:
     return coo_array((blocks.ravel(), (rows, columns)), shape=(len(given),) * 2).tocsc()
 
 
-def _impose(system: System, state: RawState) -> RawState:
+def impose(system: System, state: RawState) -> RawState:
     """Replace the values of ``state`` where others are prescribed."""
     given = np.split(_row_sources(system)[1], np.cumsum([values.size for values in state.fields])[:-1])
     fields = zip(given, system.rows.prescribed.fields, state.fields, strict=True)

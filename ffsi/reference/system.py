@@ -279,7 +279,10 @@ def _conditions(problem: Problem, mesh: RawMesh, time: float | None, corner: Mas
         if boundary.role == "inlet" and (inflow := boundary.inflow or problem.inflow) is not None:
             v[nodes.ravel()] = inflow.at(mesh.p2_coordinates[nodes.ravel()], time or 0.0)
         if boundary.role == "no-slip" and boundary.circle is not None:
-            u[nodes[:, 2]] = _onto_circle(boundary.name, boundary.circle, mesh.p2_coordinates[nodes])
+            if not problem.chords:
+                _check_circle(boundary.name, boundary.circle, mesh.p2_coordinates[nodes[:, :2]])
+            bent = nodes if problem.chords else nodes[:, 2:]
+            u[bent] = _onto_circle(boundary.circle, mesh.p2_coordinates[bent])
         if boundary.motion is not None:
             v[nodes.ravel()] = boundary.motion((mesh.p2_coordinates + u)[nodes.ravel()], time or 0.0)
     if (exact := problem.manufactured) is not None:
@@ -290,14 +293,16 @@ def _conditions(problem: Problem, mesh: RawMesh, time: float | None, corner: Mas
     return held_u, held_v, RawState(u, v, np.zeros(nv), np.zeros((len(problem.mixed_regions), nv)))
 
 
-def _onto_circle(name: str, circle: tuple[float, float, float], points: Floats) -> Floats:
-    """Displacement (n, 2) of the middles of edges with ``points`` (n, 3, 2) along the ray onto the circle.
-
-    Raises ``ValueError`` if the ends of the edges do not lie on the circle.
-    """
+def _onto_circle(circle: tuple[float, float, float], points: Floats) -> Floats:
+    """Displacement (..., 2) of ``points`` (..., 2) along the ray onto the circle."""
     *centre, radius = circle
     ray = points - np.array(centre)
-    distance = np.hypot(ray[..., 0], ray[..., 1])
-    if not (off := np.abs(distance[:, :2] / radius - 1.0).max()) <= 1e-8:
+    return np.asarray(ray * (radius / np.hypot(ray[..., :1], ray[..., 1:]) - 1.0))
+
+
+def _check_circle(name: str, circle: tuple[float, float, float], points: Floats) -> None:
+    """Refuse edges whose ends (n, 2, 2) do not lie on the circle."""
+    *centre, radius = circle
+    distance = np.hypot(*(points - np.array(centre)).reshape(-1, 2).T)
+    if not (off := np.abs(distance / radius - 1.0).max()) <= 1e-8:
         raise ValueError(f"{name}: a vertex is {off:.1e} radii off the circle {circle}")
-    return np.asarray(ray[:, 2] * (radius / distance[:, 2:] - 1.0))

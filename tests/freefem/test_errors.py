@@ -1,9 +1,12 @@
 """Error bars against finer meshes and steps, where they are shown, and where there are none."""
 
+import json
+
 import pytest
 from conftest import scene_of
 
 import ffsi
+from ffsi.reference.check import check_run
 from ffsi.report import write_report
 from ffsi.scene import with_values
 
@@ -33,6 +36,21 @@ def test_bars_cover_the_difference_to_a_finer_mesh(estimated, solved, case, name
         assert abs(wrong) <= error["bar"] < 12 * abs(wrong), name
         assert abs(wrong - error["estimate"]) < 0.5 * abs(wrong), name  # with it the value is better
     assert "min_jacobian" not in result.data["errors"]
+
+
+def test_the_checker_makes_its_own_estimate_and_catches_a_wrong_one(estimated):
+    result = estimated("turek-fsi1", "mesh.level=0")
+    assert result.checked and result.data["check"]["errors_difference"] < 1e-6
+    path = result.directory / "errors-0001.json"
+    for name, part, factor in (("drag", "estimate", 1.0001), ("lift", "bar", 0.2)):
+        errors = json.loads(path.read_text())
+        was = errors["errors"][name][part]
+        errors["errors"][name][part] *= factor
+        path.write_text(json.dumps(errors))
+        (failure,) = check_run(result.directory, result.scene).failures
+        assert failure.startswith("errors_difference") and name in failure
+        errors["errors"][name][part] = was
+        path.write_text(json.dumps(errors))
 
 
 def test_the_chain_goes_on_from_the_coarse_mesh(tmp_path, solved):
