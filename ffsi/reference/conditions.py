@@ -17,12 +17,13 @@ class Inflow:
 
     ``velocity`` maps the distances s (n,) from ``start``, metres, and the time, seconds (0 in steady systems), to the
     velocities (n,) along the unit vector ``inward``, metres per second. The inlet runs from its start along ``inward``
-    turned by +90 degrees.
+    turned by +90 degrees. ``kept`` says that its nodal values are multiplied by what keeps the flow rate.
     """
 
     velocity: Callable[[Floats, float], Floats]
     start: tuple[float, float] = (0.0, 0.0)
     inward: tuple[float, float] = (1.0, 0.0)
+    kept: bool = False
 
     def at(self, points: Floats, time: float) -> Floats:
         """Velocities (n, 2) at points (n, 2) of the inlet."""

@@ -128,7 +128,7 @@ def _separable(scene: Scene, inflow: Any, inlet: Any) -> Inflow:
         shape = inflow.expression.evaluate(y=s, H=inlet.height)  # may be a constant; nodes need one value each
         return np.asarray(factor(time) * inflow.mean_velocity * np.broadcast_to(shape, s.shape))
 
-    return Inflow(velocity, inlet.start, inlet.inward)
+    return Inflow(velocity, inlet.start, inlet.inward, kept=True)
 
 
 def _parted(scene: Scene) -> bool:

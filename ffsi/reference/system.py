@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ffsi.files.arrays import Floats, Ints, RawMesh, RawState
-from ffsi.reference.conditions import Load, Outlet
-from ffsi.reference.elements import Elements
+from ffsi.reference.conditions import Inflow, Load, Outlet
+from ffsi.reference.elements import Elements, gauss_rule
 from ffsi.reference.problem import FLUID_REGION, Boundary, Fluid, MeshMotion, Problem, Solid
 from ffsi.reference.slip import node_normals
 from ffsi.reference.step import Increment, Step
@@ -277,7 +277,9 @@ def _conditions(problem: Problem, mesh: RawMesh, time: float | None, corner: Mas
             held_v[nodes] = True
             v[nodes] = 0.0
         if boundary.role == "inlet" and (inflow := boundary.inflow or problem.inflow) is not None:
-            v[nodes.ravel()] = inflow.at(mesh.p2_coordinates[nodes.ravel()], time or 0.0)
+            walls = [b.label for b in problem.boundaries if b.role in ("no-slip", "clamped") and b.motion is None]
+            resting = np.isin(nodes, mesh.edge_nodes[np.isin(mesh.label, walls)])
+            v[nodes] = _entering(inflow, mesh.p2_coordinates[nodes], resting, time or 0.0)
         if boundary.role == "no-slip" and boundary.circle is not None:
             if not problem.chords:
                 _check_circle(boundary.name, boundary.circle, mesh.p2_coordinates[nodes[:, :2]])
@@ -291,6 +293,22 @@ def _conditions(problem: Problem, mesh: RawMesh, time: float | None, corner: Mas
         u[where] = exact.displacement(mesh.p2_coordinates[where], time or 0.0)
         v[held_v] = exact.velocity(mesh.p2_coordinates[held_v], time or 0.0)
     return held_u, held_v, RawState(u, v, np.zeros(nv), np.zeros((len(problem.mixed_regions), nv)))
+
+
+def _entering(inflow: Inflow, points: Floats, resting: Mask, time: float) -> Floats:
+    """Velocities (n, 3, 2) at the ends and middles (n, 3, 2) of an inlet's edges, of which some rest, (n, 3)."""
+    values = inflow.at(points.reshape(-1, 2), time).reshape(points.shape)
+    if not inflow.kept:
+        return values
+    values[resting] = 0.0
+    start, along = points[:, None, 0], (points[:, 1] - points[:, 0])[:, None]
+    length, inward = np.hypot(*along[:, 0].T), np.array(inflow.inward)
+    s, gauss = gauss_rule(5)
+    wanted = inflow.at((start + s[:, None] * along).reshape(-1, 2), time).reshape(-1, len(s), 2) @ inward
+    through = length @ (values @ inward @ (np.array([1.0, 1.0, 4.0]) / 6.0))
+    if abs(through) <= 0.01 * length.sum() * np.abs(values @ inward).max():
+        return values
+    return np.asarray(values * (length @ (wanted @ gauss) / through))
 
 
 def _onto_circle(circle: tuple[float, float, float], points: Floats) -> Floats:

@@ -83,6 +83,16 @@ def test_two_inlets_make_one_profile(tmp_path):
     assert result.quantities["drag_coefficient"] > 0
 
 
+def test_two_plugs_carry_what_they_are_said_to(tmp_path):
+    """Less and less on coarser meshes, as their end nodes rest at the walls."""
+    plugs = {name: {"flow_rate": rate, "profile": "uniform"} for name, rate in (("low", 0.5), ("high", 0.3))}
+    result = solve(channel(tmp_path, inlet=plugs, outlet={"bottom": NONE, "top": NONE}), tmp_path / "run")
+    assert result.checked
+    found = result.quantities
+    assert found["flow_through_bottom"] + found["flow_through_top"] == pytest.approx(found["flow_rate_in"], rel=1e-9)
+    assert found["flow_through_high"] == pytest.approx(0.3, rel=1e-9)
+
+
 def test_a_resistance_shares_the_pressure_with_the_channel(tmp_path):
     resistance = 4.0  # of each half of the outlet
     behind = {"kind": "resistance", "resistance": resistance}

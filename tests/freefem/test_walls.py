@@ -52,6 +52,17 @@ def test_a_uniform_flow_slips_through(time, tmp_path):
     assert again == scene
 
 
+def test_a_uniform_flow_between_walls_at_rest_loses_nothing_at_its_ends(tmp_path):
+    """Half of an edge at each end carried nothing, a twelfth of the flow here."""
+    result = solve(channel(tmp_path, {"walls": ["low", "high"]}), tmp_path / "run")
+    assert result.checked
+    mesh, state = state_of(result)
+    for label in (1, 2):
+        edges = mesh.edge_nodes[np.abs(mesh.p2_coordinates[mesh.edge_nodes[:, 2], 0] - 2 * (label - 1)) < 1e-12]
+        length = np.abs(np.diff(mesh.p2_coordinates[edges[:, :2], 1]))[:, 0]
+        assert length @ (state.v[edges, 0] @ [1, 1, 4]) / 6 == pytest.approx(1.5, rel=1e-9)
+
+
 def test_half_a_channel_is_half_of_its_flow(tmp_path):
     half = channel(tmp_path, {"walls": "low", "symmetry": "high"}, inflow={"mean_velocity": 1, "profile": "y*(2*H-y)"})
     _, state = state_of(solve(half, tmp_path / "run"))

@@ -415,6 +415,25 @@ def test_wall_wins_where_a_profile_does_not_vanish():
     np.testing.assert_array_equal(values, (x == 0.0) & (y > 0.0) & (y < HEIGHT))
 
 
+def test_an_inflow_keeps_its_flow_rate_whatever_its_walls_take_away():
+    mesh = channel_mesh()
+    edges = mesh.edge_nodes[mesh.label == 1]
+    y = mesh.p2_coordinates[:, 1]
+
+    def carried(profile):
+        v = System.build(channel_problem(inflow=Inflow(lambda s, time: profile(s), kept=True)), mesh).rows.prescribed.v
+        nodal = v[edges, 0]
+        return np.abs(np.diff(y[edges[:, :2]])[:, 0]) @ (nodal @ [1, 1, 4]) / 6, nodal
+
+    flow, nodal = carried(np.ones_like)
+    assert flow == pytest.approx(HEIGHT, rel=1e-14)
+    np.testing.assert_allclose(nodal[nodal > 0], 1 / (1 - 1 / (3 * len(edges))), rtol=1e-14)
+    assert carried(lambda s: s**2 * (HEIGHT - s) ** 2)[0] == pytest.approx(HEIGHT**5 / 30, rel=1e-13)
+    parabola = carried(lambda s: s * (HEIGHT - s))[1]
+    np.testing.assert_allclose(parabola, y[edges] * (HEIGHT - y[edges]), rtol=1e-14, atol=1e-16)
+    np.testing.assert_array_equal(carried(lambda s: s - HEIGHT / 2)[1].max(), y[edges][:, 2].max() - HEIGHT / 2)
+
+
 def test_wrong_meshes_are_refused():
     mesh = channel_mesh()
     with pytest.raises(ValueError, match=r"the mesh has the regions \[1\], expected \[1, 2\]"):
