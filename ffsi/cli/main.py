@@ -21,6 +21,8 @@ from ffsi.files.errors import InputError
 from ffsi.text import nearest, printable
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from ffsi.hemodynamics.result import Result
     from ffsi.scene import Scene
 
@@ -173,26 +175,29 @@ def sensitivities(
     out: Annotated[Path | None, typer.Option("--out", help="The run folder.", show_default="none is kept")] = None,
     json: AsJson = False,
 ) -> None:
-    """Derivatives of the quantities of a steady case by its numbers, absolute in SI and logarithmic, p/J dJ/dp."""
+    """Derivatives of the quantities of a case by its numbers, absolute in SI and logarithmic, p/J dJ/dp.
+
+    In time they are differences of two runs for every KEY, a hundredth of it to either side.
+    """
     from ffsi.run.one_scene import solve
-    from ffsi.run.sensitivities import refuse_unknown
+    from ffsi.run.sensitivities import differences, refuse_unknown
     from ffsi.run.sensitivities import sensitivities as table_of
     from ffsi.scene import load_scene
 
     scene = load_scene(case, settings)
     names, keys = ([name for name in text.split(",") if name] for text in (of, to))
     refuse_unknown(scene, names, keys)
+    if scene.time is not None:
+        with show.progress(scene.name, 2 * len(keys)) as on_event:
+            _print_sensitivities(differences(scene, names, keys, out, on_event), json=json)
+        return
     if out is not None:
         folder.check_usable(out)
     with show.progress(scene.name) as on_event:
         result = solve(scene, out, on_event=on_event, sensitivities=True)
     if result.converged:
         tables = [table_of(result, names, keys, logarithmic=logarithmic) for logarithmic in (False, True)]
-        if json:
-            parts = zip(("derivative", "logarithmic"), tables, strict=True)
-            sys.stdout.write(folder.to_json({part: table.to_dict("index") for part, table in parts}))
-        else:
-            show.sensitivities(*tables)
+        _print_sensitivities(tables, json=json)
     _finish([result], result.directory)
 
 
@@ -476,6 +481,14 @@ def _levels(scene: Scene, text: str, directory: Path, jobs: int, *, json: bool, 
     else:
         show.levels(table, directory)
     _finish(load_results(directory), directory)
+
+
+def _print_sensitivities(tables: Sequence[pd.DataFrame], *, json: bool) -> None:
+    if json:
+        parts = zip(("derivative", "logarithmic"), tables, strict=True)
+        sys.stdout.write(folder.to_json({part: table.to_dict("index") for part, table in parts}))
+    else:
+        show.sensitivities(*tables)
 
 
 def _finish(results: Sequence[Result], directory: Path) -> None:

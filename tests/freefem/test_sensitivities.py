@@ -62,6 +62,33 @@ def test_the_checker_finds_its_own_and_catches_a_wrong_one(differentiated):
     assert failure.startswith("sensitivities_difference") and "drag by fluid.viscosity" in failure
 
 
+def test_in_time_they_are_differences_of_runs(capsys, tmp_path):
+    settings = ["--set", "mesh.level=0", "--set", "time.step=0.01", "--set", "time.end=0.1"]
+    command = [
+        "sensitivities",
+        "turek-csm3",
+        *settings,
+        "--of",
+        "tip_uy_last",
+        "--to",
+        "gravity.y,solid.beam.density,solid.beam.lame_mu",
+    ]
+    with pytest.raises(SystemExit) as stopped:
+        main([*command, "--json", "--out", str(tmp_path / "runs")])
+    found = json.loads(capsys.readouterr().out)["logarithmic"]
+    assert stopped.value.code == 0 and (tmp_path / "runs" / "sweep.csv").is_file()
+    # So small a motion is linear in its load, and of density and shear modulus their ratio alone counts.
+    slopes = {key: of["tip_uy_last"] for key, of in found.items()}
+    assert slopes["gravity.y"] == pytest.approx(1, abs=0.02)
+    assert (
+        slopes["solid.beam.lame_mu"] == pytest.approx(-slopes["solid.beam.density"], abs=1e-3)
+        and slopes["solid.beam.lame_mu"] > 0.1
+    )
+    with pytest.raises(SystemExit, match="2"):
+        main(["sensitivities", "turek-csm3", *settings])
+    assert "every number costs two runs" in capsys.readouterr().err
+
+
 def test_nothing_of_the_run_is_moved(differentiated, solved):
     with_them, plain = differentiated("turek-fsi1"), solved("turek-fsi1")
     assert with_them.quantities == pytest.approx(plain.quantities, rel=1e-9)
@@ -81,12 +108,6 @@ def test_table(differentiated):
     assert relative["drag"][keys].sum() == pytest.approx(1, abs=1e-6)
     with pytest.raises(ffsi.InputError, match=r'did you mean "tip_u[xy]"'):
         ffsi.sensitivities(result, of=["tip_u"])
-
-
-def test_a_scene_in_time_is_refused(capsys):
-    with pytest.raises(SystemExit, match="2"):
-        main(["sensitivities", "turek-fsi3"])
-    assert "turek-fsi3 is a scene in time" in capsys.readouterr().err
 
 
 def test_command_line(capsys):
