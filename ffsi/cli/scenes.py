@@ -339,6 +339,8 @@ def render(
         if not re.fullmatch(r"[\w. -]+", mesh.name):
             raise InputError(f"{mesh.name!r}: the mesh beside the script needs a name of letters, digits and . - _")
         scene.geometry.write(mesh)
+    if scene.time is not None:
+        scene.time.store(output.parent)
     folder.write_text(output, text)
 
 

@@ -45,7 +45,8 @@ SERIES = "fields.pvd"
 LOGS = "freefem-*.log"
 IN_TIME = (TIME_HISTORY, STEPS, STATES, WALL_CYCLES, *CHECKPOINTS, MANIFEST)
 # What a run starts from.
-DEFINITION = (SCRIPT, SCENE, CHAIN, POINTS, MESH_INPUT)
+INITIAL = ("initial.mesh", "initial-mesh.bin", "initial-state.bin")
+DEFINITION = (SCRIPT, SCENE, CHAIN, POINTS, MESH_INPUT, *INITIAL)
 # What is read later, beside the files of single points.
 BELIEVED = (*DEFINITION, MESH, HISTORY, TIME_HISTORY, STEPS, STATES, WALL_CYCLES, *CHECKPOINTS, STOP)
 PICTURES = ("velocity", "pressure", "displacement")

@@ -23,6 +23,7 @@ from ffsi.reference.relative import largest, relative
 from ffsi.reference.residual import compute_residual
 from ffsi.reference.sensitivities import derivatives, flattened
 from ffsi.reference.slip import across
+from ffsi.reference.start import start_difference
 from ffsi.reference.step import Step
 from ffsi.reference.system import Mask, System
 from ffsi.reference.wall import Passage, cycle_difference, wall_shear
@@ -31,6 +32,7 @@ from ffsi.scene import Scene
 TOLERANCE = 1e-8
 Shown = Callable[[Scene, RawMesh, RawState], tuple[Ints, Floats]]
 """What is shown to people of the stress on the walls: nodes in the middle of their edges, and (n, 2) Pa there."""
+START = "start_difference"
 QUANTITIES, STEP_ERROR = "quantities_difference", "step_error"
 SLOPES, ERRORS = "sensitivities_difference", "errors_difference"
 # Derivatives of a slender solid lose to its conditioning what their quantities do not.
@@ -61,6 +63,7 @@ _WORDS = {
     "wall_difference": "relative difference between reported and recomputed shear stress on the walls",
     SLOPES: "largest relative difference between a reported and a recomputed sensitivity",
     STEP_ERROR: "error of an ordinary step, relative to its tolerance,",
+    START: "relative difference between the state at t = 0 and what the scene says of it",
     QUANTITIES: "largest relative difference between a reported and a recomputed quantity",
 }
 # Below this part of the field a prescribed value is as wrong as rounding makes the field.
@@ -73,9 +76,10 @@ class CheckReport:
 
     ``momentum``, ``continuity``, ``kinematics``, ``mesh_motion``, ``incompressibility`` (volume of mixed solids):
     residuals as docs/theory.md scales them; the others in the words of a failure (``_WORDS``). ``outlet_difference``
-    has the pressure of the reservoir behind the outlet, too, ``wall_difference`` the sums over cycles; ``step_error``
-    may be at most ``ordinary.ALLOWED``, ``sensitivities_difference`` ``ALLOWED_OF_SLOPES``,
-    ``errors_difference`` ``ALLOWED_OF_ERRORS``.
+    has the pressure of the reservoir behind the outlet, too, ``wall_difference`` the sums over cycles,
+    ``start_difference`` is that of the state at the start, with its mesh; ``step_error`` may be at most
+    ``ordinary.ALLOWED``, ``sensitivities_difference`` ``ALLOWED_OF_SLOPES``, ``errors_difference``
+    ``ALLOWED_OF_ERRORS``.
     ``min_jacobian``: smallest det F. ``forces``: the recomputed ones, both forms.
     ``failures``: one sentence for each number above ``tolerance``.
     Of several time steps every number is the worst, and the forces are those of the last one.
@@ -92,6 +96,7 @@ class CheckReport:
     coefficient_difference: float | None
     outlet_difference: float | None
     wall_difference: float | None
+    start_difference: float | None
     quantities_difference: float | None
     sensitivities_difference: float | None
     errors_difference: float | None
@@ -239,6 +244,8 @@ def _examine_steps(
         reported = entry.quantities | {name: row[name] for name in AT_OUTLET if name in row}
         reported |= dict(zip(WINDKESSEL, entry.windkessel or (), strict=False))
         found.append(_examine(stepping, after, reported, place, later=later))
+        if number == 1 and (off := start_difference(scene, system, before)) is not None:
+            found[-1].numbers[START] = off
         accepted = scene.solver.step_tolerance or 0.0
         if not 0.0 <= entry.tolerance <= accepted * (1.0 + _SAME):
             text = f"step {number} was solved to {entry.tolerance!r}, solver.step_tolerance is {accepted!r}"
@@ -258,6 +265,8 @@ def _examine_steps(
             passages.append(Passage(step.start, step.time, start, shear))
     if entry.tolerance > 0.0:
         raise ValueError(f"{directory / folder.STEPS}: the last step, {number}, was not solved to round-off")
+    if (scene.start or (scene.time is not None and scene.time.initial)) and entries[0].step != 1:
+        raise ValueError(f"{directory / folder.STEPS}: the first step, whose start the scene states, is not listed")
     if number != len(history):
         raise ValueError(f"{history.path}: {len(history)} rows, but the last step is {number}")
     point = directory / folder.numbered(folder.STATE, 1)

@@ -243,6 +243,7 @@ def theta_of(scene: Scene) -> Callable[[float, int], float]:
     flows = [*([scene.inflow] if scene.inflow else []), *scene.inlet.values()]
     jumps = any(abs(_factor(scene, inflow)(0.0)) > _REST for inflow in flows)
     jumps |= any(abs(_wall_factor(scene, name)(0.0)) > _REST for name in scene.walls)
+    jumps |= scene.start is not None or time.initial is not None
     return lambda k, number: 1.0 if jumps and number <= _DAMPED_STEPS else weight(k)
 
 

@@ -122,7 +122,8 @@ def stress_work(system: System, state: RawState, fluid_size: Floats, size: Float
     """Work of the solids' and of the fluid's stress in a time step, J per metre depth, and the size of what is summed.
 
     ``elastic`` is that on the displacement, ``dissipated`` that on the mean of both velocities. The sizes (n2, 2) are
-    those of the momentum of the fluid and of all: what cancels in a stress is more than what is left of it.
+    those of the momentum of the fluid and of all: what cancels in a stress is more than what is left of it, and a small
+    change of a large displacement has the rounding of that.
     """
     if (increment := system.increment) is None:
         return {}
@@ -138,7 +139,7 @@ def stress_work(system: System, state: RawState, fluid_size: Floats, size: Float
         local = fluid_momentum(system, fluid, state.u[nodes], state.v[nodes], flow_of(fluid, state))
         dissipated += sum(float((local[name] * travelled[nodes]).sum()) for name in ("pressure", "viscosity"))
     return {
-        "elastic": (elastic, float(((size - fluid_size) * np.abs(moved)).sum())),
+        "elastic": (elastic, float(((size - fluid_size) * (np.abs(state.u) + np.abs(old.u))).sum())),
         "dissipated": (dissipated, float((fluid_size * np.abs(travelled)).sum())),
     }
 

@@ -13,7 +13,7 @@ from ffsi.script.quantities import QUANTITIES
 CHECKED = (
     *("momentum", "continuity", "incompressibility", "kinematics", "mesh_motion", "dirichlet"),
     *("drag_difference", "lift_difference", "coefficient_difference", "outlet_difference", "wall_difference"),
-    *("quantities_difference", "sensitivities_difference", "errors_difference"),
+    *("start_difference", "quantities_difference", "sensitivities_difference", "errors_difference"),
 )
 
 

@@ -83,10 +83,10 @@ def scene_of(scene: Scene | str | Path) -> Scene:
 
 
 def stored(scene: Scene, directory: Path) -> Scene:
-    """Return the scene as `scene.toml` of a run folder has it; write a mesh of the user's own there too."""
-    if not isinstance(scene.geometry, MeshGeometry):
-        return scene
-    return scene.model_copy(update={"geometry": scene.geometry.store(directory)})
+    """Return the scene as `scene.toml` of a run folder has it; write what it reads there too."""
+    if isinstance(scene.geometry, MeshGeometry):
+        scene = scene.model_copy(update={"geometry": scene.geometry.store(directory)})
+    return scene if scene.time is None else scene.model_copy(update={"time": scene.time.store(directory)})
 
 
 def _find(case_or_path: str | Path) -> Scene:
@@ -113,7 +113,7 @@ def _located(table: dict[str, Any], folder: Path) -> dict[str, Any]:
         given = isinstance(inner, dict) and isinstance(inner.get(key), str)
         return {**inner, key: str(folder.absolute() / inner[key])} if given else inner
 
-    for name, key in (("geometry", "file"), ("inflow", "waveform_file")):
+    for name, key in (("geometry", "file"), ("inflow", "waveform_file"), ("time", "initial")):
         if name in table:
             table = {**table, name: located(table[name], key)}
     if isinstance(inlets := table.get("inlet"), dict):

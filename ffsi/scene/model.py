@@ -23,6 +23,7 @@ from ffsi.scene.materials import Solid
 from ffsi.scene.numerics import SIZES, Mesh, MeshMotion, Output, Solver
 from ffsi.scene.openings import inflow_problems, opening_problems, with_mean_velocities
 from ffsi.scene.outlet import Outlet, Outlets
+from ffsi.scene.start import Start, start_problems
 from ffsi.scene.time import Time
 from ffsi.scene.toml import parse_toml
 from ffsi.scene.units import Acceleration, FoundationDamping, FoundationStiffness, Stress
@@ -113,6 +114,9 @@ class Scene(Table):
     )
     forces: Forces | None = Field(None, description="scale of the force coefficients, reference length in m")
     time: Time | None = Field(None, description="steps in time, in s; a scene without it is steady")
+    start: Start | None = Field(
+        None, description="velocity and displacement at the start of a scene in time, m/s and m; rest if absent"
+    )
     solver: Solver = Field(default_factory=Solver, description="Newton's method and the linear solver")
     output: Output = Field(default_factory=Output, description="what is written beside the results")
 
@@ -264,6 +268,13 @@ class Scene(Table):
     def _time_problems(self) -> Iterator[Problem]:
         if self.time is None:
             yield from self.geometry.steady_problems()
+            if self.start is not None:
+                yield Problem("start", "only accepted in a scene with a table time (time.step and time.end)")
+            return
+        mixed = sum(solid.mixed for solid in self.solid.values())
+        stores = self.only_outlet is not None and self.only_outlet.law.stores
+        initial = self.time.initial_state
+        yield from start_problems(self.start, initial, self.exact_areas(), mixed, bool(self.solid), stores)
 
     def _wall_problems(self) -> Iterator[Problem]:
         if self.output.wall is None:

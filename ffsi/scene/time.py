@@ -1,10 +1,13 @@
 """Time: the scheme, its steps, when a computation ends and when fields are written."""
 
 from collections.abc import Iterator
-from typing import Annotated, Literal, Self
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import ConfigDict, Field, StrictBool, model_validator
+from pydantic import ConfigDict, Field, PrivateAttr, StrictBool, field_validator, model_validator
 
+from ffsi.files.errors import InputError
+from ffsi.files.initial import STORED, Initial
 from ffsi.scene.base import Table, refuse
 from ffsi.scene.errors import Problem, number_text, short
 from ffsi.scene.json_schema import equals, given, when
@@ -48,10 +51,54 @@ class Time(Table):
         None, description="simulated time between two checkpoints (every 100 steps if absent), s"
     )
 
+    initial: str | None = Field(
+        None,
+        description="folder of a run, steady or in time, also on another mesh, with whose last state this one starts; "
+        "beside the scene's file",
+    )
+    _initial: Initial | None = PrivateAttr(None)
+
+    @field_validator("initial")
+    @classmethod
+    def _absolute(cls, initial: str | None) -> str | None:
+        return initial and str(Path(initial).absolute())
+
     @model_validator(mode="after")
     def _fits(self) -> Self:
         refuse(list(self._problems()))
+        if self.initial is not None:
+            try:
+                self._initial = Initial.read(self.initial)
+            except (OSError, InputError) as error:
+                why = error.strerror if isinstance(error, OSError) else error
+                text = f"no state of a run: {why}; accepted: the folder of a run that has ended well"
+                refuse([Problem("initial", text, short(self.initial))])
         return self
+
+    @property
+    def initial_state(self) -> Initial | None:
+        """What `initial` holds."""
+        return self._initial
+
+    def store(self, directory: Path) -> Self:
+        """Copy the state that it starts from into a run folder; return the table that finds it there."""
+        if self._initial is None:
+            return self
+        self._initial.write(directory)
+        return self.model_copy(update={"initial": STORED})
+
+    @property
+    def _essence(self) -> tuple[Any, ...]:
+        """What is computed, wherever the state at its start lies."""
+        return (self.model_dump(exclude={"initial"}), self._initial and self._initial.digest)
+
+    def __eq__(self, other: object) -> bool:
+        """Compare what is computed."""
+        return self._essence == other._essence if isinstance(other, Time) else NotImplemented
+
+    def __hash__(self) -> int:
+        """Hash what `__eq__` compares."""
+        return hash((self.step, self.end, self._essence[1]))
 
     def _problems(self) -> Iterator[Problem]:
         step = f"step = {number_text(self.step)} s"

@@ -231,6 +231,8 @@ def _context(scene: Scene, mumps: bool) -> dict[str, Any]:
         **named_loads(scene, outline),
         **openings(scene, outline),
         "outlet_tables": [("", scene.only_outlet)] if scene.only_outlet else list(scene.outlets.items()),
+        "start": _start(scene),
+        "initial_digest": scene.time.initial_state.digest if scene.time and scene.time.initial_state else "",
         "strut_label": STRUTS,
         "inlet": scene.geometry.inlet if fluid and isinstance(scene.geometry, ChannelGeometry) else None,
         "fourier": scene.inflow and scene.inflow.fourier,
@@ -310,6 +312,8 @@ def _structure(scene: Scene, *, parts: bool, varying: bool) -> list[str]:
         "hasFourier": scene.inflow and scene.inflow.fourier,
         "hasWomersley": _womersley(scene),
         "hasWallStress": scene.output.wall,
+        "hasStart": time and (time.initial or scene.start),
+        "hasInitial": time and time.initial,
         "hasSmallestStep": time and time.smallest_step,
         "hasOutputInterval": time and time.output_interval,
         "hasCheckpointInterval": time and time.checkpoint_interval,
@@ -333,8 +337,9 @@ def _machinery(scene: Scene) -> list[str]:
     if scene.time:
         first = ["womersley"] if _womersley(scene) else []
         wall = ["wall"] if scene.output.wall else []
+        start = ["initial"] if scene.time.initial or scene.start else []
         follow = ["following-mesh"] if scene.mesh_motion and not scene.mesh_motion.law.linear else []
-        last = [*first, "energy", "start-of-step", *follow, "condensed", "step-forces", *wall]
+        last = [*first, "energy", "start-of-step", *follow, "condensed", *start, "step-forces", *wall]
         last += ["time-steps", "checkpoints", "failure-in-time", "main-in-time"]
     flow = [*(["loads"] if scene.loads else []), *(["outlet"] if special else [])]
     flow += ["openings"] if has_openings(scene) else []
@@ -384,6 +389,20 @@ def _better_mesh_motion(scene: Scene) -> str:
     if motion is None or not motion.law.linear:
         return ""
     return "; mesh_motion.kind = hyperelastic goes further"
+
+
+def _start(scene: Scene) -> dict[str, str]:
+    """Return the macros of the velocity and displacement at the start, in the script's units, if there are formulas."""
+    if scene.start is None:
+        return {}
+    units = {"velocity": "unitVelocity", "displacement": "unitLength"}
+    place = {"x": "(x*unitLength)", "y": "(y*unitLength)"}
+    found = {}
+    for what, unit in units.items():
+        for axis in "xy":
+            text = scene.start.expression(f"{what}_{axis}").to_freefem(place)
+            found[f"start{what.capitalize()}{axis.upper()}"] = f"({text})/{unit}"
+    return found
 
 
 def _labels(outline: list[Boundary], *roles: str) -> list[int]:

@@ -12,7 +12,7 @@ from ffsi.scene import CASES, Scene, boundaries
 STEADY = {name: scene for name, scene in CASES.items() if scene.time is None}
 
 RESIDUALS = ("momentum", "continuity", "incompressibility", "kinematics", "mesh_motion", "dirichlet")
-OF_ALL = {"quantities_difference", "sensitivities_difference", "errors_difference"}
+OF_ALL = {"start_difference", "quantities_difference", "sensitivities_difference", "errors_difference"}
 DIFFERENCES = ("drag_difference", "lift_difference", "coefficient_difference")
 
 INNER_LINE = 99  # edges that only shape the mesh

@@ -174,6 +174,6 @@ class FakeCheck:
         numbers = dict.fromkeys(names, 1e-12) | {
             "momentum": 1e-3 if failures else 1e-11, "coefficient_difference": None, "outlet_difference": None,
             "wall_difference": None, "sensitivities_difference": None, "errors_difference": None,
-            "quantities_difference": 1e-13,
+            "start_difference": None, "quantities_difference": 1e-13,
         }  # fmt: skip
         return SimpleNamespace(**numbers, passed=not failures, failures=failures)
