@@ -22,7 +22,7 @@ logger = logging.getLogger(__name__)
 PACKAGES = ("freefem++", "libfreefem++", "libfreefem++-dev", "libopenblas0-pthread")
 """The Debian packages that a complete installation needs."""
 
-REQUIRED_PLUGINS = ("Element_QF", "bfstream")
+REQUIRED_PLUGINS = ("Element_QF", "lapack", "bfstream")
 OPTIONAL_PLUGINS = ("MUMPS_seq",)
 NEEDED_PLUGINS = (*OPTIONAL_PLUGINS, *REQUIRED_PLUGINS)
 

@@ -51,7 +51,7 @@ def failure(run):
 
 
 def test_this_machines_freefem_is_complete(installation):
-    assert installation.plugins == {"MUMPS_seq", "Element_QF", "bfstream"}
+    assert installation.plugins == {"MUMPS_seq", "Element_QF", "lapack", "bfstream"}
     assert installation.version[0].isdigit()
 
 

@@ -104,7 +104,7 @@ def told(scene: Scene, *, hold: bool = False) -> str:
     text = replaced(text, f"{LINE} conditions", f"{levels}{LINE} conditions")
     text = re.sub(r"func int SetDirichlet\(.*?^}\n", DIRICHLET, text, count=1, flags=re.DOTALL | re.MULTILINE)
     if scene.mesh_motion and not scene.mesh_motion.law.linear:
-        balance = "    right = right.*meshRow(uxFrom:uyTo);"
+        balance = "    real[int] inside = right(extended), moved = extensionGiven*correction;"
         text = replaced(text, balance, f"    right += sources(uxFrom:uyTo);\n{balance}")
     sources = SOURCES.replace("MESH_SOURCES", MESH_SOURCES if scene.fluid else "")
     text = replaced(text, f"{LINE} main\n", f"{sources}{LINE} main\n")

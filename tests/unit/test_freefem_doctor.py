@@ -5,7 +5,7 @@ import pytest
 from ffsi.freefem import Event, FreeFEMError, FreeFEMNotFound, Installation, doctor
 
 
-def install(tmp_path, plugins=("MUMPS_seq", "Element_QF", "bfstream")):
+def install(tmp_path, plugins=("MUMPS_seq", "Element_QF", "lapack", "bfstream")):
     return Installation(tmp_path / "ff", "4.9", ";;", f"{tmp_path};;", tmp_path, frozenset(plugins))
 
 
@@ -46,7 +46,7 @@ def test_without_freefem(monkeypatch):
 
 
 def test_without_mumps_it_is_a_warning(works, monkeypatch, tmp_path):
-    monkeypatch.setattr(doctor, "find_freefem", lambda: install(tmp_path, ("Element_QF", "bfstream")))
+    monkeypatch.setattr(doctor, "find_freefem", lambda: install(tmp_path, ("Element_QF", "lapack", "bfstream")))
     checks = doctor.diagnose()
     assert doctor.healthy(checks)
     assert by_name(checks)["plugin MUMPS_seq"].status == "warn"

@@ -5,7 +5,7 @@ import pytest
 
 from ffsi.freefem import FreeFEMError, FreeFEMNotFound, find_freefem, installation
 
-PLUGINS = ("MUMPS_seq", "Element_QF", "bfstream")
+PLUGINS = ("MUMPS_seq", "Element_QF", "lapack", "bfstream")
 
 
 def executable(path: Path, text: str) -> Path:
@@ -69,7 +69,7 @@ def test_folders_beside_the_binary_win_over_those_of_packages(machine, binary):
 def test_a_folder_with_more_plugins_wins(machine, binary):
     plugins(machine / "usr/lib/a/freefem++", ("Element_QF",))
     complete = plugins(machine / "usr/lib/b/freefem++")
-    plugins(machine / "usr/lib/c/freefem++", ("Element_QF", "bfstream"))
+    plugins(machine / "usr/lib/c/freefem++", ("Element_QF", "lapack", "bfstream"))
     assert find_freefem().plugin_folder == complete
 
 
@@ -140,14 +140,14 @@ def test_no_plugins_at_all(machine, binary):
 
 
 def test_a_missing_required_plugin_is_named(machine, binary):
-    plugins(machine / "usr/lib/x/freefem++", ("MUMPS_seq", "Element_QF"))
+    plugins(machine / "usr/lib/x/freefem++", ("MUMPS_seq", "Element_QF", "lapack"))
     with pytest.raises(FreeFEMNotFound, match=r"holds no bfstream\.so\.") as caught:
         find_freefem()
     assert caught.value.kind == "missing-plugin"
 
 
 def test_without_mumps_umfpack_and_a_warning(machine, binary, caplog):
-    plugins(machine / "usr/lib/x/freefem++", ("Element_QF", "bfstream"))
+    plugins(machine / "usr/lib/x/freefem++", ("Element_QF", "lapack", "bfstream"))
     found = find_freefem()
     assert not found.has_mumps
     assert found.solver == "UMFPACK"
