@@ -10,6 +10,7 @@ import numpy as np
 from ffsi.files.arrays import Floats
 from ffsi.scene import Scene
 from ffsi.scene.errors import number_text
+from ffsi.scene.flow import Inflow
 from ffsi.scene.geometry import ChannelGeometry
 
 
@@ -62,7 +63,7 @@ def inlet_words(scene: Scene) -> list[str]:
         return [
             f"{name}, pressure {number_text(inlet.pressure)} Pa"
             if inlet.pressure is not None
-            else f"{name}, profile {inlet.profile}: mean_velocity {number_text(inlet.mean_velocity or 0.0)} m/s"
+            else f"{name}, profile {_profile(inlet)}: mean_velocity {number_text(inlet.mean_velocity or 0.0)} m/s"
             for name, inlet in scene.inlet.items()
         ]
     height, mean = scene.geometry.inlet.height, inflow.mean_velocity
@@ -71,8 +72,9 @@ def inlet_words(scene: Scene) -> list[str]:
     profile = scene.inflow_profile()(s)
     flow = float(trapezoid(profile, s))
     lines = [
-        f"profile {inflow.profile}: mean_velocity {number_text(mean)} m/s, largest {number_text(float(profile.max()))} "
-        f"m/s, flow rate {flow:.6g} m²/s over an inlet of {number_text(height)} m"
+        f"profile {_profile(inflow)}: mean_velocity {number_text(mean)} m/s, "
+        f"largest {number_text(float(profile.max()))} m/s, "
+        f"flow rate {flow:.6g} m²/s over an inlet of {number_text(height)} m"
     ]
     if scene.time is not None:
         factor = inflow.factor(_times(scene))
@@ -83,6 +85,10 @@ def inlet_words(scene: Scene) -> list[str]:
         words += f", from rest within {number_text(inflow.ramp)} s" if inflow.ramp else ""
         lines.append(words)
     return lines
+
+
+def _profile(inflow: Inflow) -> str:
+    return inflow.profile if inflow.profile_samples is None else f"of {len(inflow.profile_samples.at)} samples"
 
 
 def largest_factor(scene: Scene) -> float:

@@ -82,6 +82,21 @@ class Expression:
         _check(tree, tuple(variables))
         return cls(text, tuple(variables), tree)
 
+    @classmethod
+    def polygon(cls, at: Sequence[float], value: Sequence[float], variables: Sequence[str]) -> Expression:
+        """Return the formula of straight lines between samples, in the first variable: constant beyond them.
+
+        It is the mean of the first and the last value and, for every sample, half the change of the slope there times
+        the distance from it.
+        """
+        slope = np.diff(value) / np.diff(at)
+        change = np.diff(np.concatenate([[0.0], slope, [0.0]])) / 2
+        terms = [
+            f"({half!r})*abs({variables[0]} - ({place!r}))" for half, place in zip(change.tolist(), at, strict=True)
+        ]
+        text = " + ".join([f"({(value[0] + value[-1]) / 2!r})", *terms])
+        return cls(text, tuple(variables), ast.parse(text, mode="eval").body)
+
     def evaluate(self, **values: ArrayLike) -> Values:
         """Return the formula's values for arrays (or numbers) of its variables.
 

@@ -106,6 +106,9 @@ def _find(case_or_path: str | Path) -> Scene:
     raise SceneError([Problem("scene", "no such file", short(str(path)), guess)])
 
 
+_FILES = (("geometry", "file"), ("inflow", "waveform_file"), ("inflow", "profile_file"), ("time", "initial"))
+
+
 def _located(table: dict[str, Any], folder: Path) -> dict[str, Any]:
     """Return the scene's table with the paths of its files seen from here: in the file they are relative to it."""
 
@@ -113,11 +116,12 @@ def _located(table: dict[str, Any], folder: Path) -> dict[str, Any]:
         given = isinstance(inner, dict) and isinstance(inner.get(key), str)
         return {**inner, key: str(folder.absolute() / inner[key])} if given else inner
 
-    for name, key in (("geometry", "file"), ("inflow", "waveform_file"), ("time", "initial")):
+    for name, key in _FILES:
         if name in table:
             table = {**table, name: located(table[name], key)}
-    if isinstance(inlets := table.get("inlet"), dict):
-        table = {**table, "inlet": {name: located(inner, "waveform_file") for name, inner in inlets.items()}}
+    for tables, key in (("inlet", "waveform_file"), ("inlet", "profile_file"), ("loads", "waveform_file")):
+        if isinstance(found := table.get(tables), dict):
+            table = {**table, tables: {name: located(inner, key) for name, inner in found.items()}}
     return table
 
 

@@ -12,6 +12,7 @@ from ffsi.scene.base import Table, refuse
 from ffsi.scene.errors import Problem, names, nearest, short
 from ffsi.scene.expressions import Expression, ExpressionError
 from ffsi.scene.json_schema import Rule, at, equals, every, given, one_of, some, when
+from ffsi.scene.samples import Samples, samples_of
 from ffsi.scene.units import Count, Duration, FlowRate, Length, Number, Speed, Stress
 from ffsi.scene.waveforms import Fourier, named_waveforms, read_waveform
 
@@ -19,6 +20,7 @@ _TIME = ("t",)
 PROFILES = {"parabolic": "1.5 * 4 * y * (H - y) / H^2", "uniform": "1"}
 WOMERSLEY = "womersley"
 VELOCITIES = ("mean_velocity", "peak_velocity", "flow_rate")
+PROFILE_KEYS = ("profile", "profile_file", "profile_samples")
 WAVEFORMS = ("waveform", "waveform_file", "series")
 HARMONICS = 12
 MAX_HARMONICS = 100
@@ -80,6 +82,12 @@ class Inflow(Table):
         "length), both in m",
         examples=[*PROFILES, WOMERSLEY],
     )
+    profile_file: str | None = Field(
+        None,
+        description="or a CSV file with the profile, columns y (m, from the inlet's start) and value (dimensionless), "
+        "straight lines between; beside the scene's file",
+    )
+    profile_samples: Samples | None = Field(None, description="the profile of such a file, at y in m, dimensionless")
     ramp: Duration | None = Field(
         None, description="time in which the inflow grows from rest by a cosine (none if absent; needs a table time), s"
     )
@@ -119,6 +127,8 @@ class Inflow(Table):
     @model_validator(mode="after")
     def _complete(self) -> Self:
         refuse(list(self._problems()))
+        if self.profile_file is not None:
+            self.fill(**samples_of(self.profile_file, "profile", "y"))
         if self.waveform_file is not None:
             self.fill(**_series_of_file(self.waveform_file, self.harmonics, self.period))
         elif self.period is None and self.waveform in named_waveforms():
@@ -134,6 +144,13 @@ class Inflow(Table):
             text = "missing" if not given else f"{' and '.join(given)} are given"
             described = type(self).model_fields["mean_velocity"].description
             yield Problem("mean_velocity", f"{text}; exactly one of {', '.join(self.drives)} is needed ({described})")
+        profiles = [key for key in PROFILE_KEYS[1:] if getattr(self, key) is not None]
+        if self.profile != "parabolic":
+            profiles = ["profile", *profiles]
+        if len(profiles) > 1:
+            yield Problem(
+                profiles[0], f"{' and '.join(profiles)} are given; accepted: one of {', '.join(PROFILE_KEYS)}"
+            )
         waveforms = [key for key in WAVEFORMS if getattr(self, key) is not None]
         if len(waveforms) > 1:
             yield Problem(waveforms[0], f"{' and '.join(waveforms)} are given; accepted: one of {', '.join(WAVEFORMS)}")
@@ -147,6 +164,8 @@ class Inflow(Table):
     @property
     def expression(self) -> Expression:
         """The profile as a formula in y and H (both in m), dimensionless; of "womersley" that of the mean flow."""
+        if self.profile_samples is not None:
+            return self.profile_samples.expression("y", "H")
         profile = "parabolic" if self.profile == WOMERSLEY else self.profile
         return Expression.parse(PROFILES.get(profile, profile))
 
@@ -209,7 +228,7 @@ class Inlet(Inflow):
         yield from super()._problems()
         if self.profile == WOMERSLEY:
             yield Problem("profile", "only accepted in the table inflow", short(self.profile))
-        if self.pressure is not None and self.profile != "parabolic":
+        if self.pressure is not None and (self.profile != "parabolic" or self.profile_file or self.profile_samples):
             yield Problem("profile", "only accepted with a velocity: a pressure has none", short(self.profile))
         if self.pressure is None and self.direction != "free":
             yield Problem("direction", "only accepted with a pressure", short(self.direction))

@@ -1,18 +1,22 @@
 """Loads on boundaries of solids."""
 
 from collections.abc import Iterator, Mapping
+from typing import Self
 
 import numpy as np
-from pydantic import Field, StrictBool, field_validator
+from pydantic import Field, StrictBool, field_validator, model_validator
 
-from ffsi.scene.base import Table
+from ffsi.scene.base import Table, refuse
 from ffsi.scene.boundaries import Boundary
 from ffsi.scene.errors import Problem, names, nearest, short
 from ffsi.scene.expressions import Expression
 from ffsi.scene.geometry import GeometryBase, MeshGeometry
+from ffsi.scene.samples import Samples, samples_of
 from ffsi.scene.time import Time
 from ffsi.scene.units import Stress
 from ffsi.scene.walls import TIME, readable
+
+WAVES = ("waveform", "waveform_file", "waveform_samples")
 
 
 class Load(Table):
@@ -29,11 +33,29 @@ class Load(Table):
         None, description="dimensionless formula in t (s), a factor on the load, 1 if absent; needs a table time"
     )
 
+    waveform_file: str | None = Field(
+        None,
+        description="or a CSV file with the factor, columns t (s) and value, straight lines between; beside the "
+        "scene's file",
+    )
+    waveform_samples: Samples | None = Field(None, description="the factor of such a file, at t in s, dimensionless")
+
     _readable = field_validator("waveform")(readable)
+
+    @model_validator(mode="after")
+    def _complete(self) -> Self:
+        given = [key for key in WAVES if getattr(self, key) is not None]
+        if len(given) > 1:
+            refuse([Problem(given[0], f"{' and '.join(given)} are given; accepted: one of {', '.join(WAVES)}")])
+        if self.waveform_file is not None:
+            self.fill(**samples_of(self.waveform_file, "waveform", "t"))
+        return self
 
     @property
     def expression(self) -> Expression:
         """The waveform as a formula in t (s), dimensionless."""
+        if self.waveform_samples is not None:
+            return self.waveform_samples.expression(*TIME)
         return Expression.parse("1" if self.waveform is None else self.waveform, TIME)
 
 
@@ -50,9 +72,9 @@ def load_problems(
             accepted = f"accepted: {names(known)}" if known else "the scene has none"
             text = f"no boundary of a solid that can be loaded{hint}; {accepted}"
             yield Problem(f"loads.{name}", text, None, nearest(name, known))
-        elif load.waveform is not None and time is None:
+        elif time is None and (given := [key for key in WAVES if getattr(load, key) is not None]):
             text = "only accepted in a scene with a table time (time.step and time.end)"
-            yield Problem(f"loads.{name}.waveform", text, short(load.waveform))
+            yield Problem(f"loads.{name}.{given[0]}", text)
         elif time is not None:
             t = np.linspace(0.0, time.end, 2001)
             if (bad := t[~np.isfinite(load.expression.evaluate(t=t))]).size:

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from ffsi.scene.errors import Problem, SceneError, of_type, short
-from ffsi.scene.flow import VELOCITIES, WAVEFORMS
+from ffsi.scene.flow import PROFILE_KEYS, VELOCITIES, WAVEFORMS
 from ffsi.scene.fluids import LAWS
 from ffsi.scene.lookup import plain
 from ffsi.scene.materials import ELASTIC_CONSTANTS, ELASTIC_PAIRS, MATERIALS, PAIRS_TEXT, CompressibleElastic, Elastic
@@ -80,7 +80,7 @@ def with_values(scene: Scene, values: Mapping[str, Any]) -> Scene:
     for key, inner in _tables(table, "inflow", "inlet"):
         if key in values or key.partition(".")[0] in values:
             continue
-        for alternatives, unused in (((*VELOCITIES, "pressure"), ()), (WAVEFORMS, ("period",))):
+        for alternatives, unused in (((*VELOCITIES, "pressure"), ()), (WAVEFORMS, ("period",)), (PROFILE_KEYS, ())):
             if any(f"{key}.{name}" in values for name in alternatives):
                 for name in (*alternatives, *unused):
                     inner.pop(name, None)
@@ -100,11 +100,14 @@ def with_values(scene: Scene, values: Mapping[str, Any]) -> Scene:
     return Scene.model_validate(table)
 
 
+_OF_ONE = ("series", "profile_samples")  # tables inside of one
+
+
 def _tables(table: dict[str, Any], *keys: str) -> list[tuple[str, dict[str, Any]]]:
     """Return the tables under some keys, or those by name there, with their dotted keys."""
     found = []
     for key, inner in ((key, table[key]) for key in keys if key in table):
-        several = any(isinstance(value, dict) for name, value in inner.items() if name != "series")
+        several = any(isinstance(value, dict) for name, value in inner.items() if name not in _OF_ONE)
         found += [(f"{key}.{name}", each) for name, each in inner.items()] if several else [(key, inner)]
     return found
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import tomllib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
@@ -66,7 +67,7 @@ def read_waveform(path: Path, harmonics: int, period: float | None = None) -> Fo
     Raises:
         ValueError: in words: the file cannot be read, or its samples are no period of a waveform.
     """
-    times, values = _samples(path)
+    times, values = read_samples(path)
     length = times[-1] - times[0]
     if period is None:
         if abs(values[-1] - values[0]) > 0.01 * np.ptp(values):
@@ -83,7 +84,14 @@ def read_waveform(path: Path, harmonics: int, period: float | None = None) -> Fo
     return Fourier(period, tuple(terms.real.tolist()), tuple((-terms.imag).tolist()))
 
 
-def _samples(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def read_samples(
+    path: Path, columns: Sequence[str] = COLUMNS, fewest: int = FEWEST_ROWS
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return both columns of a CSV file, of which the first increases.
+
+    Raises:
+        ValueError: in words: the file cannot be read, or is no such table.
+    """
     import pandas as pd
 
     try:
@@ -95,15 +103,16 @@ def _samples(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     except ValueError as error:
         raise ValueError(f"no table: {str(error).splitlines()[0]}") from None
     table.columns = table.columns.str.strip()
-    if list(table.columns) != COLUMNS:
-        raise ValueError(f"the columns are {listed(table.columns)}; accepted: {', '.join(COLUMNS)}")
-    if len(table) < FEWEST_ROWS:
-        raise ValueError(f"{len(table)} rows; at least {FEWEST_ROWS} are needed")
+    if list(table.columns) != list(columns):
+        raise ValueError(f"the columns are {listed(table.columns)}; accepted: {', '.join(columns)}")
+    if len(table) < fewest:
+        raise ValueError(f"{len(table)} rows; at least {fewest} are needed")
     numbers = table.apply(pd.to_numeric, errors="coerce").to_numpy(dtype=np.float64)
     bad = np.flatnonzero(~np.isfinite(numbers).all(axis=1))
     if bad.size:
         raise ValueError(f"row {bad[0] + 1} holds no two finite numbers")
     late = np.flatnonzero(np.diff(numbers[:, 0]) <= 0)
     if late.size:
-        raise ValueError(f"the times must increase; that of row {late[0] + 2} does not")
+        what = "times" if columns[0] == "t" else f"values of {columns[0]}"
+        raise ValueError(f"the {what} must increase; that of row {late[0] + 2} does not")
     return numbers[:, 0], numbers[:, 1]

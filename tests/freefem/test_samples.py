@@ -1,0 +1,92 @@
+"""Profiles and waveforms by straight lines between samples of a CSV file."""
+
+import numpy as np
+import pytest
+from test_loads import block, displacement
+from test_walls import channel, state_of
+
+from ffsi.run import execute
+from ffsi.run.one_scene import solve
+from ffsi.scene import SceneError, load_scene, with_values
+from ffsi.scene.expressions import Expression
+from ffsi.script.render import render
+
+AT, VALUE = [0.0, 0.25, 0.75, 1.0], [0.0, 1.5, 0.5, 0.0]
+
+
+def table(path, column: str, at, value) -> str:
+    rows = [f"{x},{y}" for x, y in zip(at, value, strict=True)]
+    path.write_text("\n".join([f"{column},value", *rows]) + "\n", encoding="utf-8")
+    return str(path)
+
+
+def test_a_polygon_goes_through_its_samples_and_is_constant_beyond():
+    x = np.linspace(-1, 2, 301)
+    found = Expression.polygon(AT, VALUE, ("y", "H")).evaluate(y=x, H=1.0)
+    np.testing.assert_allclose(found, np.interp(x, AT, VALUE), rtol=0, atol=1e-14)
+
+
+def inlet(folder):
+    samples = table(folder / "profile.csv", "y", AT, VALUE)
+    return channel(folder, {"walls": ["low", "high"]}, inflow={"flow_rate": 2, "profile_file": samples})
+
+
+def test_a_profile_of_samples_enters(tmp_path):
+    result = solve(inlet(tmp_path), tmp_path / "run")
+    assert result.checked
+    mesh, state = state_of(result)
+    x, y = mesh.p2_coordinates.T
+    found = state.v[x == 0, 0]
+    exact = np.interp(y[x == 0], AT, VALUE) * 2 / np.trapezoid(VALUE, AT)  # the mesh has nodes at the samples
+    np.testing.assert_allclose(found, exact, rtol=0, atol=1e-6)
+    assert result.quantities["flow_rate_out"] == pytest.approx(2, rel=1e-6)
+    assert load_scene(tmp_path / "run/scene.toml") == result.scene
+    assert with_values(result.scene, {"inflow.profile": "uniform"}).inflow.profile_samples is None
+
+
+def test_a_wrong_profile_is_caught(tmp_path, monkeypatch):
+    def broken(*arguments, **options):
+        text = render(*arguments, **options)
+        assert "abs(inletS - " in text
+        return text.replace("abs(inletS - ", "abs(inletS + ")
+
+    monkeypatch.setattr(execute, "render", broken)
+    result = solve(inlet(tmp_path), tmp_path / "run")
+    assert not result.checked and "dirichlet" in result.reason
+
+
+def test_a_load_of_samples_is_that_of_the_formula(tmp_path):
+    samples = table(tmp_path / "load.csv", "t", [0.0, 0.1], [0.0, 1.0])
+    by_file = solve(block(tmp_path, time=True, pressure=-2, waveform_file=samples), tmp_path / "file")
+    by_text = solve(block(tmp_path, time=True, pressure=-2, waveform="min(t/0.1, 1)"), tmp_path / "text")
+    assert by_file.checked and by_text.checked
+    size = np.abs(displacement(by_text)).max()
+    assert size > 1e-3
+    np.testing.assert_allclose(displacement(by_file), displacement(by_text), rtol=0, atol=1e-9 * size)
+
+
+@pytest.mark.parametrize(
+    ("column", "at", "value", "text"),
+    [
+        ("x", [0, 1], [0, 1], r"inflow\.profile_file = .*the columns are x, value; accepted: y, value"),
+        ("y", [0], [1], r"profile_file.*1 rows; at least 2 are needed"),
+        ("y", [0, 0], [1, 2], r"profile_file.*the values of y must increase; that of row 2 does not"),
+        ("y", [0, 1], [1, "a"], r"profile_file.*row 2 holds no two finite numbers"),
+        ("y", range(101), range(101), r"profile_file.*101 rows; at most 100 are accepted"),
+    ],
+)
+def test_refused(column, at, value, text, tmp_path):
+    samples = table(tmp_path / "profile.csv", column, at, value)
+    with pytest.raises(SceneError, match=text):
+        channel(tmp_path, {"walls": ["low", "high"]}, inflow={"mean_velocity": 1, "profile_file": samples})
+
+
+def test_two_are_refused(tmp_path):
+    samples = {"at": [0, 1], "value": [0, 1]}
+    with pytest.raises(SceneError, match=r"inflow\.profile: profile and profile_samples are given"):
+        flow = {"mean_velocity": 1, "profile": "uniform", "profile_samples": samples}
+        channel(tmp_path, {"walls": ["low", "high"]}, inflow=flow)
+    with pytest.raises(SceneError, match=r"loads\.inside\.waveform: waveform and waveform_samples are given"):
+        block(tmp_path, time=True, pressure=1, waveform="t", waveform_samples=samples)
+    with pytest.raises(SceneError, match=r"loads\.inside\.waveform_samples: only accepted in a scene with a table"):
+        block(tmp_path, time=False, pressure=1, waveform_samples=samples)
