@@ -224,7 +224,7 @@ def solved(
     """Solve and check a scene with one thread in a temporary folder; a process that died has the failure `crash`."""
     try:
         with show.progress(label) as on_event:
-            result = solve(scene, on_event=on_event, threads=1)
+            result = solve(scene, on_event=on_event)
         data = {**result.data, **(more(result) if more and result.solved else {})}
     except FreeFEMNotFound:
         raise
@@ -255,7 +255,7 @@ def run_one(name: str, scene: Scene, directory: Path, on_event: OnEvent | None =
     state = _state(scene, directory)
     if state != "finished":
         try:
-            solve(scene, directory, on_event=on_event, threads=1, resume=state == "begun", error=error)
+            solve(scene, directory, on_event=on_event, resume=state == "begun", error=error)
         except FreeFEMNotFound:
             raise
         except FreeFEMError:  # the result says so

@@ -37,7 +37,6 @@ app = typer.Typer(
 )
 
 NoCheck = Annotated[bool, typer.Option("--no-check", help="Skip the independent reference check.")]
-Threads = Annotated[int, typer.Option("--threads", min=1, help="Threads of the linear algebra.")]
 
 
 FIELDS = ", ".join(folder.PICTURES)
@@ -71,7 +70,6 @@ def run(
     out: Annotated[Path | None, typer.Option("--out", help="The run folder.", show_default="runs/CASE")] = None,
     json: AsJson = False,
     no_check: NoCheck = False,
-    threads: Threads = 1,
     resume: Annotated[
         Path | None,
         typer.Option(
@@ -140,7 +138,6 @@ def run(
                 directory,
                 check=not no_check,
                 on_event=on_event,
-                threads=threads,
                 resume=resume is not None,
                 animate=animate,
                 error=error,

@@ -69,13 +69,13 @@ class Installation:
         """The sparse direct solver to render: `MUMPS` or `UMFPACK`."""
         return "MUMPS" if self.has_mumps else "UMFPACK"
 
-    def environment(self, threads: int | None = 1) -> dict[str, str]:
-        """The environment for the FreeFEM process: this one's, plus the plugin paths and the number of BLAS threads.
+    def environment(self) -> dict[str, str]:
+        """The environment for the FreeFEM process: this one's, plus the plugin paths, and one thread for the BLAS.
 
-        With `threads` None the variables for the number of threads stay as they are.
+        MUMPS spends a tenth of a run in it, on small matrices: more threads only wait for each other.
         """
-        count = {} if threads is None else dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"), str(threads))
-        return {**os.environ, "FF_LOADPATH": self.load_path, "FF_INCLUDEPATH": self.include_path, **count}
+        paths = {"FF_LOADPATH": self.load_path, "FF_INCLUDEPATH": self.include_path}
+        return {**os.environ, **paths, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
 
 
 def find_freefem() -> Installation:

@@ -61,16 +61,14 @@ def run_script(
     cwd: str | os.PathLike[str] | None = None,
     on_event: Callable[[Event], None] | None = None,
     time_limit: float | None = None,
-    threads: int | None = 1,
 ) -> Completed:
     """Run `script` with `-NAME VALUE` for each of `arguments` and wait for its end.
 
     Output goes line by line into the file `log`; its `@ffsi` lines are handed to `on_event` as Event objects, in this
-    thread. `time_limit` is in seconds of wall time, `threads` the number of BLAS threads (None: as many
-    as the environment says). `cwd` is the folder to run in, the present one without it; the script and the arguments
-    that are paths below it are handed over relative to it, for FreeFEM holds no path of more than 1000 characters and
-    writes beyond its memory. Whatever ends this
-    function early (an exception of `on_event`, Ctrl-C, SIGTERM) kills the process and its children too.
+    thread. `time_limit` is in seconds of wall time. `cwd` is the folder to run in, the present one without it; the
+    script and the arguments that are paths below it are handed over relative to it, for FreeFEM holds no path of more
+    than 1000 characters and writes beyond its memory. Whatever ends this function early (an exception of `on_event`,
+    Ctrl-C, SIGTERM) kills the process and its children too.
 
     Raises FreeFEMError (with the kind of failure) when the script did not write its end marker or when its disk is
     full, FreeFEMNotFound without a FreeFEM, FileNotFoundError without the script or the folder `cwd`, and ValueError
@@ -90,7 +88,7 @@ def run_script(
         command = [str(used.binary), "-nw", "-ns", "-v", "0", str(_seen_from(folder, script)), *flags]
         if long := [word for word in command if len(os.fsencode(word)) > LONGEST_PATH]:
             raise ValueError(f"{long[0]} is longer than the {LONGEST_PATH} bytes that FreeFEM holds")
-        child = _watch(command, used.environment(threads), folder, output, time_limit)
+        child = _watch(command, used.environment(), folder, output, time_limit)
         output.finish()
     folders = [folder / str(given.get("out", ".")), *([log_path.parent] if log_path else [])]
     return _conclude(child, output, script, folders)

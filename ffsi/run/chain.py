@@ -31,7 +31,6 @@ def run_chain(
     draw: Literal["last", "all", "none"] = "last",
     on_event: OnEvent | None = None,
     on_result: OnResult | None = None,
-    threads: int = 1,
     resume: bool = False,
     asked: Sequence[str] = (),
 ) -> list[Result]:
@@ -49,7 +48,6 @@ def run_chain(
         draw: write VTU and pictures of the last solved point, of all, or of none.
         on_event: called with every event that the script reports.
         on_result: called with each Result as soon as it is there, from another thread.
-        threads: threads of the linear algebra.
         resume: go on with the computation in time in `out`.
         asked: what the script is asked for besides, of `sensitivities` and `error`.
 
@@ -80,7 +78,7 @@ def run_chain(
             died = None
             if arguments is not None:
                 listener = finisher.listen(on_event)
-                died = execute(scenes[0], directory, installation, arguments, listener, threads)
+                died = execute(scenes[0], directory, installation, arguments, listener)
             results = finisher.finish(died)
         if draw == "last":
             drawn = _draw_last(results)

@@ -24,7 +24,6 @@ def execute(
     installation: Installation,
     arguments: Mapping[str, str],
     on_event: OnEvent | None,
-    threads: int,
 ) -> FreeFEMError | None:
     """Run the script; return the error if the process died, so that complete points can still be collected."""
     watch = Watch(scene, directory, on_event) if scene.time is not None else None
@@ -37,7 +36,6 @@ def execute(
             cwd=directory,
             on_event=watch or on_event,
             time_limit=scene.solver.time_limit,
-            threads=threads,
         )
     except FreeFEMError as error:
         logger.warning("%s: %s", directory, error)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ffsi.files import folder
-from ffsi.files.arguments import count_of, path_of
+from ffsi.files.arguments import path_of
 from ffsi.files.errors import InputError
 from ffsi.freefem import FreeFEMError, find_freefem
 from ffsi.freefem.events import OnEvent
@@ -32,7 +32,6 @@ def solve(
     *,
     check: bool = True,
     on_event: OnEvent | None = None,
-    threads: int = 1,
     resume: bool = False,
     animate: str | None = None,
     sensitivities: bool = False,
@@ -49,7 +48,6 @@ def solve(
             Result.
         check: verify the solution with the independent checker; a mismatch makes the status `failed`.
         on_event: called with every event that the script reports; in time also with `signal` (see `watch.Watch`).
-        threads: threads of the linear algebra.
         resume: go on with the computation in time in `out`, which was killed or stopped, from its last checkpoint.
         animate: `velocity`, `pressure` or `displacement`, of which the saved steps become a GIF.
         sensitivities: of a steady scene, also the derivatives of its quantities by its numbers, into
@@ -67,7 +65,7 @@ def solve(
         FreeFEMError: the process died or took longer than `solver.time_limit`; `result.json` says so.
     """
     begin = time.perf_counter()
-    scene, threads = scene_of(scene), count_of(threads, "threads")
+    scene = scene_of(scene)
     target = None if out is None else path_of(out, "out")
     if animate is not None and animate not in folder.PICTURES:
         raise InputError(f"animate = {animate!r}: accepted: {', '.join(folder.PICTURES)}")
@@ -90,21 +88,21 @@ def solve(
         at = directory / name
         if resume and (at / folder.RESULT).is_file() and not folder.read_json(at / folder.RESULT).get("failure"):
             return load_result(at)
-        return solve(other, at, check=check, threads=threads, resume=resume and folder.is_run_folder(at))
+        return solve(other, at, check=check, resume=resume and folder.is_run_folder(at))
 
     with folder.held(directory):
         arguments = start(point, installation, resume)
         with beside.running(directory, others, run_beside, resume) as runs:
             if arguments is not None:
                 arguments = {**arguments, **(dict.fromkeys(asked, "1") if scene.steady else {})}
-            died = None if arguments is None else execute(scene, directory, installation, arguments, on_event, threads)
+            died = None if arguments is None else execute(scene, directory, installation, arguments, on_event)
             data = point.judged(died, check)
             if not resume and (further := _that_goes_further(scene, data)) is not None:
                 note = f"mesh_motion.kind = {further.mesh_motion.kind}, from the start: {data['reason']}"  # type: ignore[union-attr]
                 logger.warning("%s: %s", directory, note)
                 scene, point = further, Point(further, directory, 1, {}, alone=True)
                 start(point, installation, resume=False)
-                died = execute(scene, directory, installation, {}, on_event, threads)
+                died = execute(scene, directory, installation, {}, on_event)
                 data = point.judged(died, check)
                 data["warnings"].append(note)
             if runs:
@@ -133,7 +131,6 @@ def resume(
     end: float | str | None = None,
     check: bool = True,
     on_event: OnEvent | None = None,
-    threads: int = 1,
 ) -> Result:
     """Go on with a computation in time that was killed or stopped, from its last checkpoint; without one, start over.
 
@@ -142,7 +139,6 @@ def resume(
         end: another, later end, a number in s or a text with a unit; a finished run goes on, too.
         check: verify the saved steps with the independent checker.
         on_event: called with every event, as by `solve`.
-        threads: threads of the linear algebra.
 
     Returns:
         The Result, as of `solve`.
@@ -155,4 +151,4 @@ def resume(
     """
     folder_of_run = path_of(directory, "directory")
     scene = check_resumable(folder_of_run) if end is None else lengthen(folder_of_run, [f"{END}={end}"])
-    return solve(scene, directory, check=check, on_event=on_event, threads=threads, resume=True)
+    return solve(scene, directory, check=check, on_event=on_event, resume=True)

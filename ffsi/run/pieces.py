@@ -34,7 +34,6 @@ def run_piece(
     leads: int = 0,
     on_event: OnEvent | None = None,
     on_result: OnResult | None = None,
-    threads: int = 1,
     stop: Stop | None = None,
     asked: Sequence[str] = (),
 ) -> None:
@@ -51,7 +50,6 @@ def run_piece(
         leads: 1 if the first point only leads to the others, and is not reported.
         on_event: as of `run_chain`.
         on_result: called with every Result but those of points that are tried again.
-        threads: of the linear algebra.
         stop: when set, nothing more is begun.
         asked: as of `run_chain`.
     """
@@ -59,7 +57,7 @@ def run_piece(
     while len(rest) > leads and not (stop is not None and stop.is_set()):
         waiting: list[Result] = []
         report = partial(_report, leads=leads, waiting=waiting, on_result=on_result)
-        results = _run(scene, rest, new_folder(), check, draw, on_event, report, threads, asked)
+        results = _run(scene, rest, new_folder(), check, draw, on_event, report, asked)
         bad = next((i for i, result in enumerate(results) if result.failure not in ("", "check")), len(results))
         of_the_machine = bad < len(results) and any(f"({kind})" in results[bad].reason for kind in _OF_THE_MACHINE)
         lead = rest[bad - 1] if bad else None
@@ -85,11 +83,11 @@ def _report(result: Result, *, leads: int, waiting: list[Result], on_result: OnR
 
 def _run(
     scene: Scene, piece: Piece, path: Path, check: bool, draw: bool, on_event: OnEvent | None, on_result: OnResult,
-    threads: int, asked: Sequence[str],
+    asked: Sequence[str],
 ) -> list[Result]:  # fmt: skip
     run = partial(
         run_chain, scene, piece, path, check=check, draw="last" if draw else "none", on_event=on_event,
-        on_result=on_result, threads=threads, asked=asked,
+        on_result=on_result, asked=asked,
     )  # fmt: skip
     if not scene.steady and folder.is_run_folder(path):
         try:

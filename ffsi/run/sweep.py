@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import os
 import shutil
 import threading
 import time
@@ -275,7 +274,6 @@ class _Study:
         begun = {} if self.scene.steady else self._begun()
         work: Callable[[Piece], None]
         if self.pool is None:
-            threads = max(1, (os.cpu_count() or 1) // self.workers) if self.workers > 1 else 1
 
             def work(piece: Piece) -> None:
                 if not leads and not (piece := self._not_kept(piece)):  # another study has solved it meanwhile
@@ -285,7 +283,7 @@ class _Study:
                 new = [self.new_folder() if first is None else first]
                 run_piece(
                     self.scene, piece, lambda: new.pop() if new else self.new_folder(), check=self.check,
-                    draw=self._drawn(piece), leads=leads, on_event=on_event, on_result=self.table.add, threads=threads,
+                    draw=self._drawn(piece), leads=leads, on_event=on_event, on_result=self.table.add,
                     stop=self.stop, asked=self.asked,
                 )  # fmt: skip
                 self._keep()

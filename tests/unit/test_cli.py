@@ -50,8 +50,6 @@ BAD_INPUT = [
     (["run", "flap-svk", "--set", "fluid.viscosity=3 m"], "fluid.viscosity"),
     (["run", "flap-svk", "--set", "fluid.density=-1"], "fluid.density"),
     (["run", "flap-svk", "--set", "inflow.mean_velocity=nan"], "inflow.mean_velocity"),
-    (["run", "flap-svk", "--threads", "0"], "threads"),
-    (["run", "flap-svk", "--threads", "two"], "threads"),
     (["run", "flap-svk", "--levels", "0,1"], "at least three levels"),
     (["run", "flap-svk", "--levels", "0,1,x"], "accepted: whole numbers"),
     (["run", "flap-svk", "--levels", "0,1,9"], "mesh.level = 9"),

@@ -84,8 +84,6 @@ VARY = {"fluid.density": [900.0, 1000.0]}
         (lambda out: ffsi.solve(5, out), "scene = 5 (int)"),
         (lambda out: ffsi.solve({"name": "x"}, out), "scene = dict"),
         (lambda out: ffsi.solve(SCENE, 5), "out = 5: accepted: a path"),
-        (lambda out: ffsi.solve(SCENE, out, threads=0), "threads = 0: accepted: a whole number from 1 on"),
-        (lambda out: ffsi.solve(SCENE, out, threads=True), "threads = True: accepted"),
         (lambda out: ffsi.solve(SCENE, out, animate="speed"), "accepted: velocity, pressure, displacement"),
         (lambda out: ffsi.solve(SCENE, out, on_event=5), "on_event = 5: accepted: a function"),
         (lambda out: ffsi.sweep("turek-fsi9", VARY, out), 'did you mean "turek-fsi'),

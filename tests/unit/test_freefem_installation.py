@@ -82,18 +82,9 @@ def test_the_users_variables_are_taken_as_they_are(machine, binary, monkeypatch)
     assert found.load_path == f"{machine}/nothing;{mine};;"
     assert found.include_path == "/my/idp;;"
     assert found.plugin_folder == mine
-    environment = found.environment(threads=3)
+    environment = found.environment()
     assert environment["FF_LOADPATH"] == found.load_path
-    assert environment["OPENBLAS_NUM_THREADS"] == "3"
-
-
-def test_threads_none_leaves_the_variables_alone(machine, binary, monkeypatch):
-    plugins(machine / "usr/lib/x/freefem++")
-    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "7")
-    monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
-    environment = find_freefem().environment(threads=None)
-    assert environment["OPENBLAS_NUM_THREADS"] == "7"
-    assert "OMP_NUM_THREADS" not in environment
+    assert environment["OPENBLAS_NUM_THREADS"] == "1"
 
 
 def test_a_load_path_without_the_plugins_is_named(machine, binary, monkeypatch):

@@ -70,10 +70,10 @@ def test_a_complete_run(fake, tmp_path):
 def test_command_environment_and_folder(fake, tmp_path):
     (tmp_path / "sub").mkdir()
     text = f'echo "$@"; echo "$FF_LOADPATH $FF_INCLUDEPATH $OPENBLAS_NUM_THREADS $OMP_NUM_THREADS"; pwd; {END}'
-    run(fake, tmp_path, text, arguments={"mesh_level": 2, "x": 0.1}, cwd=tmp_path / "sub", threads=4)
+    run(fake, tmp_path, text, arguments={"mesh_level": 2, "x": 0.1}, cwd=tmp_path / "sub")
     first, second, third, _ = (tmp_path / "freefem.log").read_text().splitlines()
     assert first == f"-nw -ns -v 0 {tmp_path / 'case.edp'} -mesh_level 2 -x 0.1"
-    assert second == "/plugins;; /idp;; 4 4"
+    assert second == "/plugins;; /idp;; 1 1"
     assert third == str(tmp_path / "sub")
 
 
