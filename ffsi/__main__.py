@@ -1,10 +1,12 @@
 """The command `ffsi`, also `python -m ffsi`: a machine on which it cannot even be loaded gets a message, too."""
 
+import os
 import sys
 
 
 def main() -> None:
     """Load the command line and run it; always ends in SystemExit."""
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")  # it would look through all that is installed
     try:
         from ffsi.cli.main import main as command
     except (ImportError, MemoryError, OSError) as error:  # a library that finds no memory is an ImportError

@@ -106,7 +106,7 @@ def _window(name: str, fields: Fields) -> tuple[Floats, Floats]:
     return fields.deformed.min(axis=0), fields.deformed.max(axis=0)
 
 
-def to_png(figure: Figure, dpi: int = 150) -> bytes:
+def to_png(figure: Figure, dpi: int = 120) -> bytes:
     """Return the figure as PNG."""
     agg, own, png = FigureCanvasAgg(figure), figure.dpi, io.BytesIO()
     figure.dpi = dpi

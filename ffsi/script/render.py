@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from jinja2 import Environment, FileSystemBytecodeCache, FileSystemLoader, StrictUndefined
+from jinja2.bccache import Bucket
 
 from ffsi.scene import CASES, Boundary, Scene, boundaries
 from ffsi.scene.boundaries import SLIP_X, SLIP_Y, STRUTS
@@ -143,10 +145,31 @@ def package_version() -> str:
         return "unknown"
 
 
+class _Compiled(FileSystemBytecodeCache):
+    """Compiled templates in a folder of the user's own, by their text; none where that cannot be."""
+
+    def load_bytecode(self, bucket: Bucket) -> None:
+        """Take what is there."""
+        with suppress(OSError):
+            super().load_bytecode(bucket)
+
+    def dump_bytecode(self, bucket: Bucket) -> None:
+        """Keep what was compiled."""
+        with suppress(OSError):
+            super().dump_bytecode(bucket)
+
+
+def _compiled() -> _Compiled | None:
+    with suppress(OSError, RuntimeError):  # no place, or not the user's own
+        return _Compiled()
+    return None
+
+
 @cache
 def _environment() -> Environment:
     return Environment(
         loader=FileSystemLoader(_folder("templates", "templates")),
+        bytecode_cache=_compiled(),
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
