@@ -14,14 +14,10 @@ from ffsi.cli.main import main as run
 from ffsi.files.errors import InputError
 
 app = typer.Typer(
-    name="studies",
-    help="Measure ffsi: against published and exact values, in seconds, and by the paper's study.",
-    epilog=TEXT,
-    no_args_is_help=True,
-    add_completion=False,
-    pretty_exceptions_enable=False,
+    name="studies", help="Measure ffsi: against published and exact values, in seconds, and by the paper's study.",
+    epilog=TEXT, no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
-)
+)  # fmt: skip
 
 
 def _option(name: str, text: str, kind: str | None = None, default: bool | str = False, **more: Any) -> Any:
@@ -87,15 +83,7 @@ def verify(
     Exit codes: 0 all runs solved and checked, else as `ffsi run`; errors against published values do not count. With
     --hard 0 if all is as expected; 1 also if a number or a cause is wrong.
     """
-    flags = {
-        "--unsteady": unsteady,
-        "--long": long,
-        "--blood": blood,
-        "--hard": hard,
-        "--acid": acid,
-        "--errors": errors,
-    }
-    _do("verify", VERIFY, flags, {"jobs": jobs, "runs": runs, "out": out, "readme": readme, "only": only})
+    _do("verify", VERIFY, locals())
 
 
 @app.command()
@@ -120,9 +108,7 @@ def bench(
 
     Exit codes: as `ffsi run`, but where a mesh motion ends is a result: 3 only if no mesh motion solved any point.
     """
-    flags = {"--work-precision": work_precision, "--peers": peers}
-    flags |= {"--scenes": scenes, "--mesh-motion": mesh_motion, "--unsteady": unsteady}
-    _do("bench", BENCH, flags, {"repeat": repeat, "runs": runs, "out": out, "readme": readme})
+    _do("bench", BENCH, locals())
 
 
 @app.command()
@@ -146,16 +132,17 @@ def paper(
 
     Exit codes: as `ffsi run`, but where a sweep ends is a result: 3 only if a sweep has solved no point.
     """
-    _do("paper", PAPER, {"--aneurysm": aneurysm}, {"jobs": jobs, "out": out, "runs": runs})
+    _do("paper", PAPER, locals())
 
 
-def _do(command: str, kinds: Kinds, flags: Mapping[str, bool], given: Mapping[str, Any]) -> None:
+def _do(command: str, kinds: Kinds, given: Mapping[str, Any]) -> None:
     """Do the kind of a study whose flag was given, with the options that were given."""
-    kind, *more = [name for name, value in flags.items() if value] or [""]
+    flags = {flag: flag[2:].replace("-", "_") for flag in kinds if flag}
+    kind, *more = [flag for flag, name in flags.items() if given[name]] or [""]
     if more:
         raise InputError(f"give either {kind} or {more[0]}, not both")
     module, function, accepted = kinds[kind]
-    options = {name: value for name, value in given.items() if value is not None}
+    options = {name: value for name, value in given.items() if value is not None and name not in flags.values()}
     if wrong := [name for name in options if name not in accepted]:
         raise InputError(f"{f'python -m studies {command} {kind}'.strip()} has no option --{wrong[0]}")
     raise typer.Exit(worst(getattr(import_module(f"studies.{module}"), function)(**options)))

@@ -191,13 +191,10 @@ class Run:
             for name in ("iterations", "factorizations")
         )
         return {
-            "steps": count,
-            "seconds": self.seconds,
-            "seconds_per_step": float(seconds_of_steps(self.history).mean()),
-            "iterations_per_step": iterations,
-            "rebuilds_per_100_steps": 100 * rebuilds,
+            "steps": count, "seconds": self.seconds, "seconds_per_step": float(seconds_of_steps(self.history).mean()),
+            "iterations_per_step": iterations, "rebuilds_per_100_steps": 100 * rebuilds,
             "check_maximum": self.check_maximum,
-        }
+        }  # fmt: skip
 
 
 def repeated(command: str, repeat: int) -> str:

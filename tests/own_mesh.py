@@ -15,17 +15,15 @@ def write_mesh(path: Path, mesh: RawMesh, regions: Mapping[str, int], curves: Ma
     """Write a mesh with the names of its regions and labels in Gmsh's format, lengths in m."""
     data = [mesh.region, mesh.label]
     meshio.Mesh(
-        mesh.vertices,
-        [("triangle", mesh.triangles), ("line", mesh.edges)],
+        mesh.vertices, [("triangle", mesh.triangles), ("line", mesh.edges)],
         cell_data={"gmsh:physical": data, "gmsh:geometrical": data},
-        field_data={name: np.array([number, 2]) for name, number in regions.items()}
-        | {name: np.array([number, 1]) for name, number in curves.items()},
-    ).write(path, file_format="gmsh22")
+        field_data={name: np.array([number, 2]) for name, number in regions.items()} | {name: np.array([number,
+            1]) for name, number in curves.items()},
+    ).write(path, file_format="gmsh22")  # fmt: skip
     return path
 
 
 def scene_on(path: Path, boundaries: Mapping[str, Any], regions: Mapping[str, str], **tables: Any) -> Scene:
-    """Return a scene on a mesh file."""
     geometry = {"kind": "mesh", "file": str(path), "regions": dict(regions), "boundaries": dict(boundaries)}
     return Scene.model_validate(
         {"name": "own", "geometry": geometry, "output": {"pictures": False, "vtu": False}, **tables}

@@ -33,8 +33,7 @@ def _triangles(x: Floats, y: Floats, region: Callable[[float, float], int]) -> t
     triangles, regions = [], []
     for j in range(len(y) - 1):
         for i in range(len(x) - 1):
-            number = region(0.5 * (x[i] + x[i + 1]), 0.5 * (y[j] + y[j + 1]))
-            a = j * len(x) + i
+            number, a = region(0.5 * (x[i] + x[i + 1]), 0.5 * (y[j] + y[j + 1])), j * len(x) + i
             b, c, d = a + 1, a + 1 + len(x), a + len(x)
             if number:
                 triangles += [[a, b, c], [a, c, d]] if (i + j) % 2 == 0 else [[a, b, d], [b, c, d]]

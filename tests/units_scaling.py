@@ -71,7 +71,6 @@ def in_units(scene: Scene, length: float, mass: float, time: float, folder: Path
 
 
 def _divided(formula: str, factors: dict[str, float]) -> str:
-    """Return a formula with its variables divided by factors."""
     for name, factor in factors.items():
         if factor != 1.0:
             formula = re.sub(rf"\b{name}\b", f"({name}/{factor!r})", formula)

@@ -218,12 +218,8 @@ def main(*, out: Path | None = None, readme: Path | None = None) -> list[str]:
     mesh = f"Mesh level {LEVEL}: {', '.join(f'{size} unknowns ({title})' for title, size in sizes.items())}."
     lines = "\n".join(f"- {line}." for line in ends) or "Every sweep went to its last point."
     parts: list[str | TextTable] = [
-        "# Mesh motions",
-        f"{written} {mesh}",
-        EXPLANATION,
-        f"![min J over velocity]({PICTURE})",
-        shown,
-    ]
+        "# Mesh motions", f"{written} {mesh}", EXPLANATION, f"![min J over velocity]({PICTURE})", shown,
+    ]  # fmt: skip
     parts += ["## What ended the sweeps", lines, f"Every point: [{CSV}]({CSV})."]
     study.write({
         CSV: lambda: frame(tracks),

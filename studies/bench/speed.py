@@ -121,10 +121,8 @@ def reference(sample: Sample, finest: Values) -> ReferenceSet:
 def row(found: Values, source: ReferenceSet, quantities: Sequence[str], **labels: Any) -> dict[str, Any]:
     """Return a line of the tables: of each quantity value and relative error `error_NAME`, the largest one `error`."""
     line = {
-        **labels,
-        **{name: found.get(name) for name in ("unknowns", "seconds")},
-        "failure": found.get("failure", ""),
-    }
+        **labels, **{name: found.get(name) for name in ("unknowns", "seconds")}, "failure": found.get("failure", ""),
+    }  # fmt: skip
     values = {} if line["failure"] else {name: found["quantities"][name] for name in quantities}
     errors = {f"error_{name}": source.error(name, value) for name, value in values.items()}
     return {**line, **values, **errors, "error": max(map(abs, errors.values()), default=math.nan)}

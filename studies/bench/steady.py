@@ -220,10 +220,6 @@ def main_scenes(*, repeat: int = 1, out: Path | None = None, readme: Path | None
     every += [item for repetitions in pairs.values() for runs in repetitions for item in runs]
     written = study.written(item.data for item in every) + study.links("Every phase", (SCENES_CSV, FORMULATIONS_CSV))
     parts: list[str | TextTable] = [
-        SCENES_TEXT,
-        scene_table(scenes, reasons=True),
-        FORMULATIONS_TEXT,
-        formulations,
-        written,
-    ]
+        SCENES_TEXT, scene_table(scenes, reasons=True), FORMULATIONS_TEXT, formulations, written,
+    ]  # fmt: skip
     return study.publish([item.failure for item in every], {BLOCK: markdown(parts)})

@@ -126,13 +126,10 @@ def row(size: Size, step: str, runs: Sequence[Run], start: Run) -> dict[str, Any
     for run in solved:
         steps, seconds = run.history, run.history["took"].to_numpy()
         line = {
-            "steps": len(steps),
-            "median_seconds": np.median(seconds),
-            "mean_seconds": np.mean(seconds),
-            "largest_seconds": seconds.max(),
-            "iterations_per_step": steps["iterations"].mean(),
+            "steps": len(steps), "median_seconds": np.median(seconds), "mean_seconds": np.mean(seconds),
+            "largest_seconds": seconds.max(), "iterations_per_step": steps["iterations"].mean(),
             "rebuilds_per_100_steps": 100 * (steps["rebuilds"].sum() / len(steps)),
-        }
+        }  # fmt: skip
         for name in SOLVER:
             own = run.timings.get(name, math.nan) - setup.get(name, math.nan)
             line[f"{name}_seconds"] = max(own, 0.0) / len(steps)

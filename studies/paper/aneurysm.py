@@ -52,12 +52,10 @@ OPEN = (
     ("Young's modulus of the dome's wall", "0.1 MPa in the steady flow, 0.05 MPa in the pulsatile one"),
     ("outer sides of the walls", "free in the steady flow; in the pulsatile one held by 5e5 Pa/m (see below)"),
     ("blood", "density 1035 kg/m³; viscosity 3.5 mPa s where it is Newtonian"),
-    (
-        "inflow",
-        "parabola, 0.05 m/s in its middle; pulsatile: 84 beats per minute, 0.153 to 0.649 m/s, from rest in 0.2 s",
-    ),
+    ("inflow",
+     "parabola, 0.05 m/s in its middle; pulsatile: 84 beats per minute, 0.153 to 0.649 m/s, from rest in 0.2 s"),
     ("outlet", "do-nothing"),
-)
+)  # fmt: skip
 FREE_WALLS = (
     "The support: the end faces of the walls are clamped and their length is thirty times their thickness, so that "
     "without tissue around them they are a slender arch. The pressure of the pulsatile flow, which is mostly the "

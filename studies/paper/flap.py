@@ -81,34 +81,20 @@ STEPS = multiples(0.012, 10)
 FAST = (*STEPS, 0.14, 0.16, 0.18, 0.2)
 _STIFF = ("solid.flap.bulk_modulus=1.75e4",)
 CASES = (
-    PaperCase(
-        1,
-        "St. Venant-Kirchhoff flap, rigid walls",
-        Curve("case-1", "root size 0.01 m", "flap-svk", STEPS),
+    PaperCase(1, "St. Venant-Kirchhoff flap, rigid walls", Curve("case-1", "root size 0.01 m", "flap-svk", STEPS), (
         # The flap collapses at its root corner, the earlier the finer the mesh is there.
-        (
-            Curve("svk-root-0.005", "root size 0.005 m", "flap-svk", STEPS, ("mesh.root_size=0.005",)),
-            Curve("svk-root-0.0025", "root size 0.0025 m", "flap-svk", STEPS, ("mesh.root_size=0.0025",)),
-        ),
-    ),
-    PaperCase(
-        2,
-        "neo-Hookean flap, St. Venant-Kirchhoff roof",
+        Curve("svk-root-0.005", "root size 0.005 m", "flap-svk", STEPS, ("mesh.root_size=0.005",)),
+        Curve("svk-root-0.0025", "root size 0.0025 m", "flap-svk", STEPS, ("mesh.root_size=0.0025",)),
+    )),
+    PaperCase(2, "neo-Hookean flap, St. Venant-Kirchhoff roof",
         Curve("case-2", "elastic roof", "flap-neo-hookean-roof", SLOW),
-        (Curve("neo-hookean-rigid-roof", "rigid roof", "flap-neo-hookean", FAST),),
-    ),
-    PaperCase(
-        3,
-        "Mooney-Rivlin flap, St. Venant-Kirchhoff roof",
-        Curve("case-3", "elastic roof, K = 5.6 Pa", "flap-mooney-rivlin-roof", SLOW),
-        (
-            Curve("mooney-rivlin-rigid-roof", "rigid roof, K = 5.6 Pa", "flap-mooney-rivlin", SLOW),
-            Curve(
-                "mooney-rivlin-rigid-roof-stiff-bulk", "rigid roof, K = 17500 Pa", "flap-mooney-rivlin", SLOW, _STIFF
-            ),
-        ),
-    ),
-)
+        (Curve("neo-hookean-rigid-roof", "rigid roof", "flap-neo-hookean", FAST),)),
+    PaperCase(3, "Mooney-Rivlin flap, St. Venant-Kirchhoff roof",
+        Curve("case-3", "elastic roof, K = 5.6 Pa", "flap-mooney-rivlin-roof", SLOW), (
+        Curve("mooney-rivlin-rigid-roof", "rigid roof, K = 5.6 Pa", "flap-mooney-rivlin", SLOW),
+        Curve("mooney-rivlin-rigid-roof-stiff-bulk", "rigid roof, K = 17500 Pa", "flap-mooney-rivlin", SLOW, _STIFF),
+    )),
+)  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -295,85 +295,44 @@ def _far(ending: str) -> list[Column]:
 
 
 TABLES = (
-    BloodTable(
-        "plane",
+    BloodTable("plane",
         "Plane channel, half height 1 mm, beside the exact flow of each viscosity law at a pressure gradient G: errors "
         "of the gradient at the given mean velocity, and where they are largest of the velocity in the middle and of "
-        "the wall shear stress (WSS), which is G times the half height.",
-        ("blood", "G Pa/m"),
-        columns(
-            f"unknowns :.0f | seconds :.1f | mean velocity m/s = mean :.6g | G = gradient.error :% < {PLANE} | "
-            f"largest velocity = largest.error :% < {PLANE} | WSS = wall_shear_stress.error :% < {PLANE} | {_CHECK}"
-        ),
-    ),
-    BloodTable(
-        "oscillating",
+        "the wall shear stress (WSS), which is G times the half height.", ("blood", "G Pa/m"),
+        columns(f"unknowns :.0f | seconds :.1f | mean velocity m/s = mean :.6g | G = gradient.error :% < {PLANE} | "
+            f"largest velocity = largest.error :% < {PLANE} | WSS = wall_shear_stress.error :% < {PLANE} | {_CHECK}")),
+    BloodTable("oscillating",
         "Womersley's flow in a plane channel, Womersley number 3, flow rate 1 + 0.75 sin(2πt): largest differences "
-        "over the third cycle, relative to the largest velocity and to the largest pressure drop.",
-        ("level", "dt s"),
-        columns(
-            f"unknowns :.0f | steps :.0f | seconds :.1f | velocity = velocity_difference :% < {OSCILLATING} | "
-            f"pressure drop = pressure_difference :% < {OSCILLATING} | {_CHECK}"
-        ),
-    ),
-    BloodTable(
-        "steady",
+        "over the third cycle, relative to the largest velocity and to the largest pressure drop.", ("level", "dt s"),
+        columns(f"unknowns :.0f | steps :.0f | seconds :.1f | velocity = velocity_difference :% < {OSCILLATING} | "
+            f"pressure drop = pressure_difference :% < {OSCILLATING} | {_CHECK}")),
+    BloodTable("steady",
         "Aneurysm, steady: pressure drop from inlet to outlet, beside that of the bent vessel at rest without a dome; "
         "mean WSS on the dome; largest effective stress away from corners and clamped faces. *Held*: by the support "
-        "that the walls have in the pulsatile flow.",
-        _WALLS,
-        columns(
-            f"unknowns :.0f | seconds :.1f | mass balance = mass_balance :.0e < {CHECK} | "
+        "that the walls have in the pulsatile flow.", _WALLS,
+        columns(f"unknowns :.0f | seconds :.1f | mass balance = mass_balance :.0e < {CHECK} | "
             "pressure drop Pa = pressure_drop :.4f | without a dome Pa = pressure_drop.reference :.4f | "
-            f"WSS dome Pa = wss_mean_dome :.5f | effective stress Pa = effective_stress_max :.1f | {_CHECK}"
-        ),
-        finest=True,
-    ),
-    BloodTable(
-        "levels",
-        "Its changes from one mesh level to the next:",
-        ("walls, blood",),
-        columns(
-            "|".join(
-                f"{title}, 1 to 2 = {name}_2 :% | {title}, 2 to 3 = {name}_3 :% < {CHANGE}"
-                for name, title in CHANGES.items()
-            )
-        ),
-    ),
-    BloodTable(
-        "steady",
+            f"WSS dome Pa = wss_mean_dome :.5f | effective stress Pa = effective_stress_max :.1f | {_CHECK}"),
+        finest=True),
+    BloodTable("levels", "Its changes from one mesh level to the next:", ("walls, blood",), columns("|".join(
+        f"{title}, 1 to 2 = {name}_2 :% | {title}, 2 to 3 = {name}_3 :% < {CHANGE}"
+        for name, title in CHANGES.items()))),
+    BloodTable("steady",
         "The same far from the dome (angles around the bend's centre; inlet at 90°, neck from 126.5 to 141.4°, outlet "
         "at 180°), beside the fully developed flow in a bent channel between the deformed walls: pressure difference "
         "in the middle of the lumen over a range of angles, and at inner and outer wall the WSS of the edge that is "
-        "farthest off.",
-        _WALLS,
-        _far(""),
-        finest=True,
-    ),
-    BloodTable(
-        "steady",
+        "farthest off.", _WALLS, _far(""), finest=True),
+    BloodTable("steady",
         "Elastic walls make the lumen wider towards the dome; blood that slows down gains pressure, and accelerated "
         "loses it. The same beside the developed flow with that inertia, to first order; what is left comes, as with "
-        "rigid walls, from the inlet's parabola, the neck and the outlet.",
-        _WALLS,
-        _far(SLOWED),
-        finest=True,
-    ),
-    BloodTable(
-        "pulsatile",
+        "rigid walls, from the inlet's parabola, the neck and the outlet.", _WALLS, _far(SLOWED), finest=True),
+    BloodTable("pulsatile",
         "Aneurysm, pulsatile, four cycles at 84 beats per minute: TAWSS and OSI on the dome in the last one; change of "
-        "TAWSS from the third to the fourth cycle (L2 norm over the walls).",
-        _WALLS,
-        (
-            *columns(
-                f"unknowns :.0f | steps :.0f | seconds :.0f < {LONGEST} | per step = seconds_per_step :.3f | "
-                "TAWSS mean Pa = tawss_mean_dome :.5f"
-            ),
-            Column("min Pa (≥ 0)", "tawss_min_dome", "{:.5f}", least=0.0),
-            *columns(f"OSI max = osi_max_dome :.0e | change = tawss_change :.0e < {CHANGE} | {_CHECK}"),
-        ),
-    ),
-)
+        "TAWSS from the third to the fourth cycle (L2 norm over the walls).", _WALLS,
+        (*columns(f"unknowns :.0f | steps :.0f | seconds :.0f < {LONGEST} | per step = seconds_per_step :.3f | "
+            "TAWSS mean Pa = tawss_mean_dome :.5f"), Column("min Pa (≥ 0)", "tawss_min_dome", "{:.5f}", least=0.0),
+        *columns(f"OSI max = osi_max_dome :.0e | change = tawss_change :.0e < {CHANGE} | {_CHECK}"))),
+)  # fmt: skip
 
 
 def main(

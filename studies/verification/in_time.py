@@ -117,20 +117,16 @@ class Plan:
 def _beam(ux: float, uy: float, drag: float, lift: float, frequency: float) -> tuple[Compared, ...]:
     """Return what is compared of a beam in a flow: bounds of the amplitudes, of the drag that of the mean."""
     return (
-        Compared("tip_uy", "amplitude", uy, "u_y amplitude"),
-        Compared("tip_ux", "amplitude", ux, "u_x amplitude"),
-        Compared("drag", "mean", drag, "drag mean"),
-        Compared("lift", "amplitude", lift, "lift amplitude"),
+        Compared("tip_uy", "amplitude", uy, "u_y amplitude"), Compared("tip_ux", "amplitude", ux, "u_x amplitude"),
+        Compared("drag", "mean", drag, "drag mean"), Compared("lift", "amplitude", lift, "lift amplitude"),
         Compared("tip_uy", "frequency", frequency, "frequency"),
-    )
+    )  # fmt: skip
 
 
 _CFD3 = (
-    Compared("drag", "mean", 0.5e-2, "drag mean"),
-    Compared("drag", "amplitude", 3e-2, "drag amplitude"),
-    Compared("lift", "amplitude", 1.5e-2, "lift amplitude"),
-    Compared("lift", "frequency", 1e-2, "frequency"),
-)
+    Compared("drag", "mean", 0.5e-2, "drag mean"), Compared("drag", "amplitude", 3e-2, "drag amplitude"),
+    Compared("lift", "amplitude", 1.5e-2, "lift amplitude"), Compared("lift", "frequency", 1e-2, "frequency"),
+)  # fmt: skip
 _CSM3 = [Compared(f"tip_u{axis}", part, 1.5e-2, f"u_{axis} {part}") for axis in "xy" for part in ("mean", "amplitude")]
 _CYLINDER = (
     Compared("drag_coefficient", "maximum", 0.5e-2, "drag maximum"),
@@ -150,24 +146,16 @@ PERIODIC_CASES = (
 def line(plan: Plan, run: Run) -> dict[str, Any]:
     """Return the line of the CSV: sizes, steps, costs, and of each compared number value, reference, error, bound."""
     found: dict[str, Any] = {
-        "case": plan.case.name,
-        "level": plan.level,
-        "step": plan.step,
-        "status": run.data.get("status"),
-        "periodic": bool(run.in_time.get("periodic")),
-        "reached": run.in_time.get("reached"),
-        "unknowns": run.data.get("unknowns"),
-        "triangles": run.data.get("triangles"),
-        **run.steps,
-    }
+        "case": plan.case.name, "level": plan.level, "step": plan.step, "status": run.data.get("status"),
+        "periodic": bool(run.in_time.get("periodic")), "reached": run.in_time.get("reached"),
+        "unknowns": run.data.get("unknowns"), "triangles": run.data.get("triangles"), **run.steps,
+    }  # fmt: skip
     quantities = {} if run.failure else run.quantities
     for part in plan.case.compared:
         found |= {
-            part.name: part.value(quantities),
-            f"{part.name}_reference": part.published(plan.case.name),
-            f"{part.name}_error": part.error(plan.case.name, quantities),
-            f"{part.name}_bound": part.bound,
-        }
+            part.name: part.value(quantities), f"{part.name}_reference": part.published(plan.case.name),
+            f"{part.name}_error": part.error(plan.case.name, quantities), f"{part.name}_bound": part.bound,
+        }  # fmt: skip
     return found
 
 

@@ -91,13 +91,10 @@ def by_variant(runs: Iterable[Run]) -> list[list[Run]]:
 def _row(run: Run) -> dict[str, Any]:
     """Return what every table has of a run."""
     return {
-        "case": run.name,
-        "level": run.level,
-        "unknowns": run.data.get("unknowns"),
-        "seconds": f"failed ({run.failure})" if run.failure else run.timings.get("total"),
-        "check": run.check_maximum,
+        "case": run.name, "level": run.level, "unknowns": run.data.get("unknowns"),
+        "seconds": f"failed ({run.failure})" if run.failure else run.timings.get("total"), "check": run.check_maximum,
         **{name: run.value(name) for name in COLUMNS},
-    }
+    }  # fmt: skip
 
 
 SIZES = columns("level | unknowns | seconds :.1f")
@@ -146,12 +143,10 @@ def brief_benchmarks(runs: Sequence[Run]) -> Parts:
 
 
 BENCHMARKS = Section(
-    "verification",
-    "",
+    "verification", "",
     [Variant(case, levels=range(FINEST.get(case, 3) + 1)) for case in CASES.steady if reference_sets(case)],
-    lambda runs: [error_table(runs), CAVITY_TITLE, cavity_table(runs)],
-    brief_benchmarks,
-)
+    lambda runs: [error_table(runs), CAVITY_TITLE, cavity_table(runs)], brief_benchmarks,
+)  # fmt: skip
 
 # Cook's membrane ----------------------------------------------------------------------------------------------------
 
@@ -225,12 +220,9 @@ def membrane_levels(runs: Sequence[Run]) -> TextTable:
 
 
 COOK = Section(
-    "cook",
-    "Cook's membrane",
-    MEMBRANES,
-    lambda runs: [COOK_TEXT, membrane_table(runs), REASON, published_table()],
+    "cook", "Cook's membrane", MEMBRANES, lambda runs: [COOK_TEXT, membrane_table(runs), REASON, published_table()],
     lambda runs: [COOK_TEXT, membrane_levels(runs), REASON],
-)
+)  # fmt: skip
 
 # The slender cantilever with a dead load at its tip -----------------------------------------------------------------
 
@@ -260,12 +252,9 @@ def load_table(runs: Iterable[Run]) -> TextTable:
 
 
 ELASTICA = Section(
-    "elastica",
-    "Cantilever and elastica",
-    LOADS,
-    lambda runs: [ELASTICA_TEXT, load_table(runs)],
+    "elastica", "Cantilever and elastica", LOADS, lambda runs: [ELASTICA_TEXT, load_table(runs)],
     lambda runs: [ELASTICA_TEXT, load_table(own[-1] for own in by_variant(runs))],
-)
+)  # fmt: skip
 
 # The paper's flaps, of which nobody published values ----------------------------------------------------------------
 
@@ -314,12 +303,9 @@ def difference_table(runs: Sequence[Run]) -> TextTable:
 
 
 FLAP_LEVELS = Section(
-    "flap-levels",
-    "Flaps over the mesh levels",
-    FLAPS,
-    lambda runs: [FLAPS_TEXT, flap_table(runs)],
+    "flap-levels", "Flaps over the mesh levels", FLAPS, lambda runs: [FLAPS_TEXT, flap_table(runs)],
     lambda runs: [FLAPS_TEXT, difference_table(runs)],
-)
+)  # fmt: skip
 
 # All of it ----------------------------------------------------------------------------------------------------------
 
@@ -366,15 +352,11 @@ def to_frame(runs: Iterable[Run]) -> pd.DataFrame:
 def _line(run: Run) -> dict[str, Any]:
     newton, sources = run.data.get("newton") or {}, compared(run.name, run.variant)
     line: dict[str, Any] = {
-        "case": run.name,
-        "variant": run.variant,
-        "level": run.level,
+        "case": run.name, "variant": run.variant, "level": run.level,
         **{name: run.data.get(name) for name in ("status", "unknowns", "triangles")},
-        "seconds": run.timings.get("total"),
-        "script_seconds": run.timings.get("script"),
-        **{name: newton.get(name) for name in ("iterations", "factorizations")},
-        "check_maximum": run.check_maximum,
-    }
+        "seconds": run.timings.get("total"), "script_seconds": run.timings.get("script"),
+        **{name: newton.get(name) for name in ("iterations", "factorizations")}, "check_maximum": run.check_maximum,
+    }  # fmt: skip
     if not sources:
         return line | {name: value for name, value in run.quantities.items() if name in COLUMNS}
     for prefix, source in zip(("", "second_"), sources, strict=False):

@@ -69,9 +69,7 @@ def scene_of(case: str, *settings: str) -> Scene:
     return load_scene(case, ["mesh.level=0", *PLAIN, *settings])
 
 
-@pytest.fixture(scope="session")
-def installation():
-    return find_freefem()
+installation = pytest.fixture(lambda: find_freefem(), scope="session")
 
 
 @pytest.fixture(scope="session")

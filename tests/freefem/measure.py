@@ -25,8 +25,7 @@ def level_0(case: str) -> list[str]:
 
 
 def level_1(case: str) -> list[str]:
-    result = solve(scene_of(case, "mesh.level=1"))
-    rows = []
+    result, rows = solve(scene_of(case, "mesh.level=1")), []
     for name, reference in references_for(result.scene).items():
         if name in result.quantities:
             error = abs(reference.relative_error(result.quantities[name]))

@@ -52,7 +52,6 @@ def insert(path: Path, line: str, text: str, *, after: str = "") -> None:
 
 
 def append(path: Path, text: str) -> None:
-    """Add the text at the end of a module."""
     with path.open("a", encoding="utf-8") as file:
         file.write("\n\n" + text)
 
@@ -63,14 +62,12 @@ def enter(path: Path, registry: str, text: str) -> None:
 
 
 def replace(path: Path, old: str, new: str) -> None:
-    """Replace what stands there once."""
     text = path.read_text(encoding="utf-8")
     assert text.count(old) == 1, (path, old)
     path.write_text(text.replace(old, new), encoding="utf-8")
 
 
 def join_union(path: Path, start: str, name: str) -> None:
-    """Add a name to the union of classes that begins so."""
     union = re.search(rf"^{re.escape(start)}[\w| \n]+[\w]", path.read_text(encoding="utf-8"), re.MULTILINE).group(0)
     replace(path, union, f"{union} | {name}")
 
@@ -113,13 +110,11 @@ def ffsi(root: Path, *calls: list[str]) -> subprocess.CompletedProcess[str]:
 
 
 def call(root: Path, case: str, out: str, *settings: str) -> list[str]:
-    """Return the call that runs a case on the coarsest mesh."""
     options = [option for setting in ("mesh.level=0", *PLAIN, *settings) for option in ("--set", setting)]
     return ["run", case, "--out", str(root / out), *options]
 
 
 def attempt(root: Path, case: str, out: str, *settings: str) -> subprocess.CompletedProcess[str]:
-    """Run a case so."""
     return ffsi(root, call(root, case, out, *settings))
 
 
@@ -131,7 +126,6 @@ def run_all(root: Path, runs: dict[str, list[str]]) -> dict[str, Path]:
 
 
 def run(root: Path, case: str, out: str, *settings: str) -> Path:
-    """Solve one case likewise."""
     return run_all(root, {out: [case, *settings]})[out]
 
 

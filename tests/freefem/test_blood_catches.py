@@ -13,7 +13,6 @@ WINDKESSEL = {"kind": "windkessel", "proximal_resistance": 3.0, "distal_resistan
 
 
 def channel(outlet: dict[str, object], **inflow: object) -> Scene:
-    """Return a flow in a channel, in time if it has a waveform."""
     table: dict[str, object] = {
         "name": "channel", "geometry": {"kind": "channel", "length": 2.0, "height": 1.0}, "mesh": {"level": 0},
         "fluid": {"density": 1.0, "viscosity": 0.1}, "inflow": {"mean_velocity": 1.0} | inflow, "outlet": outlet,
@@ -117,5 +116,4 @@ def test_one_wrong_sign_is_caught(run_text, scene, right, wrong):
 def test_the_right_signs_pass(run_text, name):
     scene = MUTATIONS[name][0]
     folder, done = run_text(render(scene))
-    assert done.status == "converged"
-    assert passes(folder, scene)
+    assert done.status == "converged" and passes(folder, scene)

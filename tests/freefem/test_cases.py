@@ -44,23 +44,17 @@ LEVEL_1 = {
 
 
 def has_forces(scene: Scene) -> bool:
-    """Whether the fluid's force on a part of its boundary is reported."""
     return any(boundary.part for boundary in boundaries(scene))
 
 
 @pytest.mark.parametrize("case", STEADY)
-def test_the_case_converges(solved, case):
+def test_the_case_converges_is_checked_and_keeps_its_values(solved, case):
     result = solved(case)
-    assert (result.status, result.reason) == ("converged", "")
-    assert result.data["level"] == 0
+    assert (result.status, result.reason) == ("converged", "") and result.data["level"] == 0
     assert 500 < result.data["unknowns"] < 11_000
     for name, value in result.quantities.items():
         assert math.isfinite(value), name
     assert 0 < result.quantities["min_jacobian"] <= 1
-
-
-@pytest.mark.parametrize("case", STEADY)
-def test_the_checker_agrees(solved, case):
     scene, check = STEADY[case], solved(case).data["check"]
     expected = {"momentum", "dirichlet", "quantities_difference"}
     expected |= {"continuity", "wall_difference"} if scene.fluid else set()
@@ -71,10 +65,6 @@ def test_the_checker_agrees(solved, case):
     assert set(check) == {*RESIDUALS, *DIFFERENCES, "outlet_difference", "wall_difference", *OF_ALL}
     for name in expected:
         assert 0 <= check[name] < 1e-8, name
-
-
-@pytest.mark.parametrize("case", STEADY)
-def test_regression_at_level_0(solved, case):
     found, before = solved(case).quantities, BEFORE[f"{case} on level 0"]["quantities"]
     assert found.keys() & KEPT == before.keys() & KEPT
     for name in found.keys() & KEPT:
@@ -119,22 +109,16 @@ def test_coefficients(solved, case):
 
 
 @pytest.mark.parametrize("case", STEADY)
-def test_the_parameters_are_those_of_the_scene(solved, case):
+def test_parameters_and_labels_are_those_of_the_scene(solved, case):
     result = solved(case)
     expected = {key: value for key, value in result.scene.parameters().items() if key != "solver.time_limit"}
     assert result.parameters == pytest.approx(expected, rel=1e-15)
-
-
-@pytest.mark.parametrize("case", STEADY)
-def test_every_boundary_has_its_label(solved, case):
-    """Straight boundaries have their exact length; arcs are polygons with their corners on the circle."""
+    # Straight boundaries have their exact length; arcs are polygons with their corners on the circle.
     from ffsi.files.arrays import read_mesh
 
-    result = solved(case)
     mesh = read_mesh(result.directory / "mesh.bin")
     ends = mesh.vertices[mesh.edges]
-    lengths = ((ends[:, 1] - ends[:, 0]) ** 2).sum(axis=1) ** 0.5
-    outline = boundaries(result.scene)
+    lengths, outline = ((ends[:, 1] - ends[:, 0]) ** 2).sum(axis=1) ** 0.5, boundaries(result.scene)
     assert set(mesh.label) - {INNER_LINE} == {boundary.label for boundary in outline}
     for boundary in outline:
         length = lengths[mesh.label == boundary.label].sum()

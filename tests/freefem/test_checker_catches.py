@@ -18,20 +18,9 @@ from ffsi.script.render import render
 # At level 0 the far outlet has so few edges that its term may vanish by symmetry. A near one has several.
 NEAR_OUTLET = "geometry.length=1"
 
-
-@pytest.fixture(scope="module")
-def fsi1(solved):
-    return solved("turek-fsi1")
-
-
-@pytest.fixture(scope="module")
-def mesh(fsi1):
-    return read_mesh(fsi1.directory / "mesh.bin")
-
-
-@pytest.fixture(scope="module")
-def state(fsi1, mesh):
-    return read_state(fsi1.directory / "point-0001.bin", mesh)
+fsi1 = pytest.fixture(lambda solved: solved("turek-fsi1"), scope="module")
+mesh = pytest.fixture(lambda fsi1: read_mesh(fsi1.directory / "mesh.bin"), scope="module")
+state = pytest.fixture(lambda fsi1, mesh: read_state(fsi1.directory / "point-0001.bin", mesh), scope="module")
 
 
 def largest(values: np.ndarray, among: np.ndarray) -> int:
@@ -39,17 +28,10 @@ def largest(values: np.ndarray, among: np.ndarray) -> int:
     return int(among[np.argmax(np.abs(values.reshape(len(values), -1)[among]).sum(axis=1))])
 
 
-@pytest.mark.parametrize(
-    ("field", "where", "equation"),
-    [
-        ("u", "solid", "momentum"),
-        ("u", "interface", "momentum"),
-        ("u", "fluid", "mesh_motion"),
-        ("v", "fluid", "momentum"),
-        ("v", "fluid", "continuity"),
-        ("p", "fluid", "momentum"),
-    ],
-)
+@pytest.mark.parametrize(("field", "where", "equation"), [
+    ("u", "solid", "momentum"), ("u", "interface", "momentum"), ("u", "fluid", "mesh_motion"),
+    ("v", "fluid", "momentum"), ("v", "fluid", "continuity"), ("p", "fluid", "momentum"),
+])  # fmt: skip
 def test_one_perturbed_unknown_is_caught(fsi1, mesh, state, tmp_path, field, where, equation):
     folder = tmp_path / "run"
     shutil.copytree(fsi1.directory, folder)
@@ -128,8 +110,7 @@ def test_the_right_signs_pass(run_text):
     """The control of the runs above; what differs between the cases is checked in test_cases."""
     scene = scene_of("turek-fsi1", NEAR_OUTLET)
     folder, done = run_text(render(scene))
-    assert done.status == "converged"
-    assert check_run(folder, scene).passed
+    assert done.status == "converged" and check_run(folder, scene).passed
     outlet = read_mesh(folder / "mesh.bin").label == 2
     assert outlet.sum() >= 4
 
@@ -143,8 +124,7 @@ def scipy_solution(fsi1, mesh):
 def test_the_checkers_own_solution_is_the_same(scipy_solution, state, field):
     """Both start from rest, with nothing in common but the mesh and the page docs/theory.md."""
     own, freefem = getattr(scipy_solution.state, field), getattr(state, field)
-    assert np.abs(own).max() > 0
-    assert np.abs(own - freefem).max() < 1e-9 * np.abs(own).max()
+    assert np.abs(own).max() > 0 and np.abs(own - freefem).max() < 1e-9 * np.abs(own).max()
 
 
 def test_the_checkers_own_newton_needs_as_few_iterations(scipy_solution):

@@ -25,8 +25,6 @@ EDP = Path(__file__).parents[2] / "edp"
 
 @pytest.fixture(scope="session")
 def freefem(installation):
-    """Run a committed script as a user would, in an empty folder."""
-
     def freefem(script: str | Path, *arguments: object, cwd: Path) -> subprocess.CompletedProcess[str]:
         path = EDP / f"{script}.edp" if isinstance(script, str) else script
         command = [installation.binary, "-nw", "-ns", "-v", "0", path, *map(str, arguments)]
@@ -46,10 +44,8 @@ def events(output: str, kind: str) -> list[str]:
 def test_the_same_numbers_as_through_python(freefem, solved, tmp_path, case):
     done = freefem(case, "-mesh_level", 0, "-out", tmp_path, cwd=tmp_path)
     assert (done.returncode, events(done.stdout, "end")) == (0, ["status=converged"])
-    through = solved(case)
-    point = json.loads((tmp_path / "point-0001.json").read_text())
-    assert point["case"] == case
-    assert point["parameters"] == through.parameters
+    through, point = solved(case), json.loads((tmp_path / "point-0001.json").read_text())
+    assert point["case"] == case and point["parameters"] == through.parameters
     written = {name: through.quantities[name] for name in point["quantities"]}  # Python adds some
     assert point["quantities"] == pytest.approx(written, rel=1e-10, abs=0)
     mesh, other = (read_mesh(folder / "mesh.bin") for folder in (tmp_path, through.directory))
@@ -77,8 +73,7 @@ def test_a_folder_of_a_script_is_checked_and_loaded(freefem, tmp_path):
     one = ffsi.load_result(tmp_path / "one")
     assert (one.checked, one.scene.fluid.viscosity) == (True, 0.9)
     slow, fast = (ffsi.load_result(tmp_path / "several", point) for point in (1, 2))
-    assert 0 < slow.quantities["drag"] < fast.quantities["drag"]
-    assert fast.scene.inflow.mean_velocity == 0.04
+    assert 0 < slow.quantities["drag"] < fast.quantities["drag"] and fast.scene.inflow.mean_velocity == 0.04
     assert ffsi.load_result(tmp_path / "in-time").data["time"]["steps"] == 4
     assert main_code("report", tmp_path / "one", "-o", tmp_path / "report.html") == 0
 
@@ -130,9 +125,19 @@ def test_a_picture_for_paraview(freefem, tmp_path, case):
     np.testing.assert_allclose(found, expected, atol=1e-9 * max(np.abs(state.p).max(), 1e-9))
 
 
-def test_a_picture_is_asked_for_by_0_or_1(freefem, tmp_path):
+def test_a_picture_is_asked_for_by_0_or_1_and_several_points(freefem, tmp_path):
     done = freefem("turek-csm1", "-vtu", "yes", cwd=tmp_path)
     assert (done.returncode, events(done.stdout, "bad-input")) == (2, ["text=-vtu needs 0 or 1, got 'yes'"])
+    (tmp_path / "points.txt").write_text("2\ngravity_y solid_beam_density\n3\n-1 1000\n-2 1000\n-2 500\n")
+    done = freefem("turek-csm2", "-mesh_level", 0, "-points", "points.txt", cwd=tmp_path)
+    assert done.returncode == 0 and len(events(done.stdout, "point")) == 3
+    tips = [json.loads((tmp_path / f"point-000{i}.json").read_text())["quantities"]["tip_uy"] for i in (1, 2, 3)]
+    assert tips[0] == pytest.approx(tips[2], rel=1e-6)  # half the gravity, half the density
+    assert tips[1] < 1.5 * tips[0] < 0
+    scene = scene_of("turek-csm2", "solid.beam.density=500")
+    assert check_run(tmp_path, scene, point=3).passed
+    history = pd.read_csv(tmp_path / "newton.csv")
+    assert history["point"].unique().tolist() == [1, 2, 3] and list(history)[:3] == ["point", "load", "stage"]
 
 
 def test_files_of_a_direct_run(freefem, tmp_path):
@@ -154,21 +159,6 @@ def test_numbers_given_as_flags(freefem, tmp_path):
     assert check_run(tmp_path, scene).passed
     with pytest.raises(ValueError, match="the run used"):
         check_run(tmp_path, scene_of("turek-csm2"))
-
-
-def test_several_points(freefem, tmp_path):
-    (tmp_path / "points.txt").write_text("2\ngravity_y solid_beam_density\n3\n-1 1000\n-2 1000\n-2 500\n")
-    done = freefem("turek-csm2", "-mesh_level", 0, "-points", "points.txt", cwd=tmp_path)
-    assert done.returncode == 0
-    assert len(events(done.stdout, "point")) == 3
-    tips = [json.loads((tmp_path / f"point-000{i}.json").read_text())["quantities"]["tip_uy"] for i in (1, 2, 3)]
-    assert tips[0] == pytest.approx(tips[2], rel=1e-6)  # half the gravity, half the density
-    assert tips[1] < 1.5 * tips[0] < 0
-    scene = scene_of("turek-csm2", "solid.beam.density=500")
-    assert check_run(tmp_path, scene, point=3).passed
-    history = pd.read_csv(tmp_path / "newton.csv")
-    assert history["point"].unique().tolist() == [1, 2, 3]
-    assert list(history)[:3] == ["point", "load", "stage"]
 
 
 @pytest.mark.parametrize(
@@ -227,10 +217,8 @@ REFUSED = {
 def test_refused_with_exit_code_2(freefem, tmp_path, arguments, message):
     done = freefem("turek-fsi1", *arguments, cwd=tmp_path)
     texts = events(done.stdout, "bad-input")
-    assert (done.returncode, len(texts)) == (2, 1)
-    assert texts[0].startswith("text=" + message)
-    assert events(done.stdout, "end") == []
-    assert list(tmp_path.iterdir()) == []
+    assert (done.returncode, len(texts)) == (2, 1) and texts[0].startswith("text=" + message)
+    assert events(done.stdout, "end") == [] and list(tmp_path.iterdir()) == []
 
 
 POINTS = {
@@ -252,8 +240,7 @@ def test_points_files_that_are_refused(freefem, tmp_path, content, message):
     (tmp_path / "points.txt").write_text(content)
     done = freefem("turek-fsi1", "-mesh_level", 0, "-points", "points.txt", cwd=tmp_path)
     texts = events(done.stdout, "bad-input")
-    assert (done.returncode, len(texts)) == (2, 1)
-    assert texts[0].startswith("text=" + message)
+    assert (done.returncode, len(texts)) == (2, 1) and texts[0].startswith("text=" + message)
     assert [path.name for path in tmp_path.iterdir()] == ["points.txt"]
 
 

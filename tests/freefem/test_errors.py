@@ -19,20 +19,16 @@ def estimated(tmp_path_factory):
     return estimated
 
 
-@pytest.mark.parametrize(
-    ("case", "names"),
-    [
-        ("turek-fsi1", ("drag", "lift", "tip_ux", "tip_uy", "pressure_drop")),
-        ("cook", ("tip_ux", "tip_uy")),
-        ("turek-csm1", ("tip_ux", "tip_uy")),
-    ],
-)
+@pytest.mark.parametrize(("case", "names"), [
+    ("turek-fsi1", ("drag", "lift", "tip_ux", "tip_uy", "pressure_drop")),
+    ("cook", ("tip_ux", "tip_uy")),
+    ("turek-csm1", ("tip_ux", "tip_uy")),
+])  # fmt: skip
 def test_bars_cover_the_difference_to_a_finer_mesh(estimated, solved, case, names):
     result, fine = estimated(case), solved(case, "mesh.level=3")
     assert result.checked and set(names) <= set(result.data["errors"])
     for name in names:
-        error = result.data["errors"][name]
-        wrong = fine.quantities[name] - result.quantities[name]
+        error, wrong = result.data["errors"][name], fine.quantities[name] - result.quantities[name]
         assert abs(wrong) <= error["bar"] < 12 * abs(wrong), name
         assert abs(wrong - error["estimate"]) < 0.5 * abs(wrong), name  # with it the value is better
     assert "min_jacobian" not in result.data["errors"]
@@ -87,14 +83,11 @@ def test_in_time_runs_beside_tell_what_mesh_and_step_add(tmp_path, solved):
     assert " ± " in (tmp_path / "report.md").read_text()
 
 
-@pytest.mark.parametrize(
-    ("settings", "words"),
-    [
-        (["mesh.level=0"], "error: mesh.level = 0; accepted in time: 1 or more"),
-        (["time.adaptive=true"], "error: time.adaptive = true; accepted in time: false"),
-        (["time.end=0.015", "time.step=0.01"], "time.end"),
-    ],
-)
+@pytest.mark.parametrize(("settings", "words"), [
+    (["mesh.level=0"], "error: mesh.level = 0; accepted in time: 1 or more"),
+    (["time.adaptive=true"], "error: time.adaptive = true; accepted in time: false"),
+    (["time.end=0.015", "time.step=0.01"], "time.end"),
+])  # fmt: skip
 def test_in_time_there_must_be_room_for_runs_beside(tmp_path, settings, words):
     with pytest.raises(ValueError, match=words):
         ffsi.solve(ffsi.load_scene("turek-csm3", settings), tmp_path / "run", error=True)

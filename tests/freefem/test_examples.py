@@ -43,12 +43,10 @@ def test_the_python_of_the_readme(tmp_path, monkeypatch):
     assert len([line for line in block.splitlines() if line]) <= 8
     known: dict[str, object] = {}
     exec(block, known)
-    assert known["result"].checked
-    assert list(known["table"]["status"]) == 6 * ["converged"]
+    assert known["result"].checked and list(known["table"]["status"]) == 6 * ["converged"]
     assert Path("runs/tip.png").is_file()
 
 
 def test_the_list_of_examples_is_whole():
     page = (EXAMPLES / "README.md").read_text(encoding="utf-8")
-    assert all(f"]({name})" in page for name in (*SCRIPTS, *NOTEBOOKS))
-    assert len(SCRIPTS) + len(NOTEBOOKS) == 12
+    assert all(f"]({name})" in page for name in (*SCRIPTS, *NOTEBOOKS)) and len(SCRIPTS) + len(NOTEBOOKS) == 12

@@ -53,9 +53,6 @@ def ffsi(tmp_path, monkeypatch, capfd):
     return ffsi
 
 
-# The contract --------------------------------------------------------------------------------------------------------
-
-
 @pytest.fixture(scope="module")
 def run_as_json(tmp_path_factory):
     folder, words = tmp_path_factory.mktemp("json"), [*COMMAND, "run", "turek-fsi1", *LEVEL_0, "--json"]
@@ -65,8 +62,7 @@ def run_as_json(tmp_path_factory):
 
 def test_json_is_alone_and_valid(run_as_json):
     done, folder = run_as_json
-    assert done.returncode == 0
-    assert done.stdout.startswith("{") and done.stdout.endswith("}\n")
+    assert done.returncode == 0 and done.stdout.startswith("{") and done.stdout.endswith("}\n")
 
     def refuse(name: str) -> None:
         raise AssertionError(f"{name} is no JSON")
@@ -82,27 +78,20 @@ def test_every_name_of_the_contract_is_there(run_as_json, table):
     assert [name for name in CONTRACT[table] if values.get(name) is None] == []
 
 
-def test_what_the_names_hold(run_as_json):
+def test_the_contract_and_the_run_folder(run_as_json):
     data = json.loads(run_as_json[0].stdout)
     assert (data["case"], data["status"], data["reason"], data["level"]) == ("turek-fsi1", "converged", "", 0)
     timings = data["timings"]
     assert all(value >= 0 for value in timings.values())
     parts = [timings[name] for name in ("mesh", "operators", "residual", "jacobian", "factorize", "solve", "check")]
     assert sum(parts) < timings["total"]
-    assert data["parameters"]["inflow.mean_velocity"] == 0.2
-    assert data["freefem"]["solver"] == "MUMPS"
-
-
-def test_the_run_folder_is_complete(run_as_json):
+    assert data["parameters"]["inflow.mean_velocity"] == 0.2 and data["freefem"]["solver"] == "MUMPS"
     names = {path.name for path in run_as_json[1].iterdir()}
     assert names == {
         *("case.edp", "scene.toml", "freefem.log", "result.json", "mesh.bin", "newton.csv", "fields.vtu"),
         *("point-0001.bin", "point-0001.json", "velocity.png", "pressure.png", "displacement.png"),
     }
     assert all((run_as_json[1] / name).stat().st_size > 0 for name in names)
-
-
-# Exit codes ----------------------------------------------------------------------------------------------------------
 
 
 def test_0_without_json_is_for_people(ffsi, tmp_path):
@@ -112,7 +101,7 @@ def test_0_without_json_is_for_people(ffsi, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["here"]
 
 
-def test_1_the_check_failed(ffsi, run_as_json, tmp_path):
+def test_exit_codes_1_to_3(ffsi, run_as_json, tmp_path):
     folder = tmp_path / "run"
     shutil.copytree(run_as_json[1], folder)
     assert ffsi("check", folder)[0] == 0
@@ -120,15 +109,10 @@ def test_1_the_check_failed(ffsi, run_as_json, tmp_path):
     state = read_state(folder / "point-0001.bin", mesh)
     write_state(folder / "point-0001.bin", RawState(state.u, 1.001 * state.v, state.p))
     code, _, err = ffsi("check", folder)
-    assert code == 1
-    assert "momentum" in err
-
-
-def test_2_bad_input(ffsi, tmp_path):
+    assert code == 1 and "momentum" in err
     code, out, err = ffsi("run", "turek-fsi1", "--set", "mesh.levle=0", "--json")
-    assert (code, out) == (2, "")
-    assert 'did you mean "mesh.level"?' in err
-    assert list(tmp_path.iterdir()) == []
+    assert (code, out) == (2, "") and 'did you mean "mesh.level"?' in err
+    assert [path.name for path in tmp_path.iterdir()] == ["run"]
 
 
 def test_3_not_converged(ffsi, tmp_path):
@@ -137,8 +121,7 @@ def test_3_not_converged(ffsi, tmp_path):
     assert code == 3
     data = json.loads(out)
     assert (data["status"], data["failure"], data["state"]) == ("failed", "not-converged", "failed.bin")
-    assert "solver.max_iterations" in data["reason"]
-    assert data["reason"] in err
+    assert "solver.max_iterations" in data["reason"] and data["reason"] in err
     assert load_result(tmp_path / "r").fields is not None
 
 
@@ -147,31 +130,24 @@ def test_4_without_freefem(ffsi, tmp_path, monkeypatch):
     code, out, err = ffsi("run", "turek-fsi1", *LEVEL_0)
     assert code == 4
     assert [line.split(":")[0] for line in out.splitlines()] == ["regions", "boundaries"]  # what was understood
-    assert "FFSI_FREEFEM=/nonexistent is no executable file" in err
-    assert "apt-get install" in err
+    assert "FFSI_FREEFEM=/nonexistent is no executable file" in err and "apt-get install" in err
     assert list(tmp_path.iterdir()) == []
 
 
 def test_4_without_the_plugins(ffsi, tmp_path, monkeypatch):
     monkeypatch.setenv("FF_LOADPATH", str(tmp_path))
     code, _, err = ffsi("run", "turek-fsi1", *LEVEL_0)
-    assert code == 4
-    assert "Element_QF.so" in err
+    assert code == 4 and "Element_QF.so" in err
     assert list(tmp_path.iterdir()) == []
-
-
-# Cut off -------------------------------------------------------------------------------------------------------------
 
 
 def test_the_time_limit(tmp_path):
     begin = time.monotonic()
     with pytest.raises(FreeFEMError) as caught:
         solve(scene_of("turek-fsi1", "mesh.level=4", "solver.time_limit=1"), tmp_path / "run")
-    assert time.monotonic() - begin < 10
-    assert caught.value.kind == "time-limit"
+    assert time.monotonic() - begin < 10 and caught.value.kind == "time-limit"
     result = load_result(tmp_path / "run")
-    assert (result.status, result.failure) == ("failed", "crash")
-    assert "1 s" in result.reason
+    assert (result.status, result.failure) == ("failed", "crash") and "1 s" in result.reason
 
 
 def wait_for(path: Path, process: subprocess.Popen[bytes]) -> None:
@@ -183,7 +159,6 @@ def wait_for(path: Path, process: subprocess.Popen[bytes]) -> None:
 
 
 def freefem_in(folder: Path) -> list[int]:
-    """Processes that work for a folder."""
     found = []
     for path in Path("/proc").glob("[0-9]*/cmdline"):
         try:
@@ -218,10 +193,8 @@ def test_a_killed_sweep_keeps_its_points_and_goes_on(ffsi, tmp_path, how):
     code, _, err = ffsi(*words)
     assert code == 0, err
     table = pd.read_csv(out / "sweep.csv")
-    assert table["inflow.mean_velocity"].tolist() == VELOCITIES
-    assert (table["status"] == "converged").all()
-    assert (table["check_maximum"] < 1e-8).all()
-    assert (table["tip_ux"].diff().dropna() > 0).all()
+    assert table["inflow.mean_velocity"].tolist() == VELOCITIES and (table["status"] == "converged").all()
+    assert (table["check_maximum"] < 1e-8).all() and (table["tip_ux"].diff().dropna() > 0).all()
     assert {path.name: path.stat().st_mtime_ns for path in first.glob("point-*.json")} == kept
     # The last one may have been cut off while it was written.
     assert (table["folder"] == "chain-001").sum() in (len(kept), len(kept) - 1)
@@ -247,8 +220,7 @@ def test_a_full_disk_is_named(small_disk):
     try:
         result = solve(scene_of("turek-fsi1"), out)
     except FreeFEMError as error:
-        assert error.kind == "disk-full"
-        assert str(out) in error.message
+        assert error.kind == "disk-full" and str(out) in error.message
     except OSError as error:
         assert error.errno == errno.ENOSPC
     else:

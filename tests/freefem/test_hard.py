@@ -12,7 +12,6 @@ QUICK = [name for name, entry in ENTRIES.items() if entry.quick]
 
 @pytest.fixture(scope="module")
 def outcome_of(tmp_path_factory):
-    """Run an entry, or return what an earlier test has found."""
     runs: Path = tmp_path_factory.mktemp("hard")
     known: dict[str, Outcome] = {}
 

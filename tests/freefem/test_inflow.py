@@ -25,8 +25,7 @@ def rigid_flap() -> Scene:
 def turned(text: str, angle: float, dx: float, dy: float) -> str:
     """Return the script with its whole mesh turned about the origin (rad) and shifted (m)."""
     c, s = repr(math.cos(angle)), repr(math.sin(angle))
-    assert INLET in text
-    assert LAST_OF_MESH in text
+    assert INLET in text and LAST_OF_MESH in text
     text = text.replace(INLET, f"real inletX = {dx}, inletY = {dy}, inwardX = {c}, inwardY = {s},")
     moved = f"  Th = movemesh(Th, [{dx} + {c}*x - {s}*y, {dy} + {s}*x + {c}*y]);\n"
     return text.replace(LAST_OF_MESH, "  ShapeMesh();\n" + moved + "}")
@@ -34,8 +33,6 @@ def turned(text: str, angle: float, dx: float, dy: float) -> str:
 
 @pytest.fixture(scope="module")
 def forces(installation, tmp_path_factory):
-    """Run a script and return its quantities."""
-
     def forces(text: str) -> dict[str, float]:
         folder = tmp_path_factory.mktemp("run")
         (folder / "case.edp").write_text(text, encoding="utf-8")
@@ -45,9 +42,7 @@ def forces(installation, tmp_path_factory):
     return forces
 
 
-@pytest.fixture(scope="module")
-def straight(forces):
-    return forces(render(rigid_flap()))
+straight = pytest.fixture(lambda forces: forces(render(rigid_flap())), scope="module")
 
 
 @pytest.mark.parametrize(("angle", "shift"), [(math.pi / 2, (0.0, 0.0)), (2.5, (0.3, -0.7))])

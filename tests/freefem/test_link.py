@@ -4,7 +4,7 @@ from time import monotonic
 
 import pytest
 
-from ffsi.freefem import FreeFEMError, find_freefem, run_script
+from ffsi.freefem import FreeFEMError, run_script
 from ffsi.freefem.doctor import diagnose, healthy
 
 SOLVE = """\
@@ -20,11 +20,6 @@ x = A^-1*b;
 MUMPS = 'load "MUMPS_seq"\n'
 ZERO = "0.*u*v"
 END = 'cout << "@ffsi end status=converged" << endl;\n'
-
-
-@pytest.fixture(scope="module")
-def installation():
-    return find_freefem()
 
 
 @pytest.fixture
@@ -53,9 +48,6 @@ def failure(run):
 def test_this_machines_freefem_is_complete(installation):
     assert installation.plugins == {"MUMPS_seq", "Element_QF", "lapack", "bfstream"}
     assert installation.version[0].isdigit()
-
-
-def test_the_doctor_is_content():
     checks = diagnose()
     assert healthy(checks), [check for check in checks if check.status == "fail"]
 
@@ -69,49 +61,32 @@ def test_a_run_that_ends(run, ending, status, code):
     assert (done.status, done.exit_code, done.points) == (status, code, {1: status})
 
 
-def test_peak_memory(run):
+def test_memory_arguments_and_progress_of_a_script(run):
     done = run('{ real[int] r(25000000); r = 1; exec("sleep 0.3"); }\n' + END)
     assert 200e6 < done.peak_memory < 400e6
-
-
-def test_arguments_arrive(run):
     texts = []
     text = 'for (int i = 0; i < ARGV.n; ++i) cout << "@ffsi echo text=" << ARGV[i] << endl;\n' + END
     run(
-        text,
-        {"mesh_level": 2, "inflow_mean_velocity": 0.1, "out": "a b"},
+        text, {"mesh_level": 2, "inflow_mean_velocity": 0.1, "out": "a b"},
         on_event=lambda event: texts.append(event.text),
-    )
+    )  # fmt: skip
     assert texts[-7:-1] == ["-mesh_level", "2", "-inflow_mean_velocity", "0.1", "-out", "a b"]
-
-
-def test_flush_makes_progress_visible_at_once(run):
-    """`cout << flush` does not compile here, and `endl` does not flush a pipe; `cout.flush;` does."""
+    # `cout << flush` does not compile here, and `endl` does not flush a pipe; `cout.flush;` does.
     times = []
     text = 'cout << "@ffsi start case=x" << endl;\ncout.flush;\nexec("sleep 0.5");\n' + END
     run(text, on_event=lambda event: times.append(monotonic()))
     assert times[1] - times[0] > 0.3
 
 
-def test_cout_flush_as_a_manipulator_does_not_compile(failure):
+def test_a_script_with_an_error(failure):
     assert failure("cout << 1 << flush;").kind == "syntax"
-
-
-def test_syntax_error(failure):
     error = failure("int a = 1;\nint b = 2\nint c = 3;\n" + END)
     assert (error.kind, error.script_line, error.source_line) == ("syntax", 3, "int c = 3;")
-
-
-def test_unknown_identifier(failure):
     error = failure("int a = 1;\n\nint b = foo(a);\n" + END)
     assert (error.kind, error.script_line, error.source_line) == ("syntax", 3, "int b = foo(a);")
     assert "foo" in error.message
-
-
-def test_missing_include(failure):
     error = failure('include "nothere.idp"\n' + END)
-    assert error.kind == "syntax"
-    assert "nothere.idp" in error.message
+    assert error.kind == "syntax" and "nothere.idp" in error.message
 
 
 def test_error_in_an_included_file(failure, tmp_path):
@@ -127,25 +102,14 @@ def test_assert(failure, before):
     assert (error.kind, error.source_line) == ("assert", "assert(1 == 2);")
 
 
-def test_assert_in_a_function(failure):
+def test_singular_matrices_failing_asserts_and_plugins(failure):
     error = failure("func int f(int i) {\n  assert(i > 1);\n  return i;\n}\nint k = f(0);\n" + END)
     assert (error.kind, error.script_line, error.source_line) == ("assert", 2, "assert(i > 1);")
-
-
-def test_missing_plugin(failure):
     error = failure('load "NoSuchPlugin"\n' + END)
-    assert error.kind == "missing-plugin"
-    assert "NoSuchPlugin" in error.message
+    assert error.kind == "missing-plugin" and "NoSuchPlugin" in error.message
     assert error.source_line == 'load "NoSuchPlugin"'
-
-
-def test_singular_matrix_with_mumps(failure):
     error = failure(MUMPS + SOLVE.format(form=ZERO, solver='"MUMPS"') + END)
-    assert (error.kind, error.source_line) == ("singular-matrix", "x = A^-1*b;")
-    assert "-10" in error.message
-
-
-def test_singular_matrix_with_umfpack(failure):
+    assert (error.kind, error.source_line) == ("singular-matrix", "x = A^-1*b;") and "-10" in error.message
     error = failure(SOLVE.format(form=ZERO, solver="UMFPACK") + "assert(x.linfty < 1);\n" + END)
     assert error.kind == "singular-matrix"
 
@@ -160,47 +124,27 @@ def test_division_by_zero(failure, operation):
     assert failure(f"int n = 0;\nreal r = {operation};\n" + END).kind == "floating-point"
 
 
-def test_index_out_of_bounds(failure):
+def test_what_ends_a_script(failure):
     error = failure("real[int] r(3);\n\nr(7) = 3;\n" + END)
-    assert (error.kind, error.script_line) == ("crash", 3)
-    assert "0 <=7 < 3" in error.message
-
-
-def test_an_absurd_allocation(failure):
+    assert (error.kind, error.script_line) == ("crash", 3) and "0 <=7 < 3" in error.message
     error = failure("real[int] r(50000000000000);\n" + END)
     assert (error.kind, error.script_line) == ("out-of-memory", 1)
-
-
-def test_a_mesh_that_cannot_be_made(failure):
     error = failure("border a(t=0, 1){x=t; y=0;}\nmesh Th = buildmesh(a(10));\n" + END)
-    assert error.kind == "crash"
-    assert "meshing error" in error.message
-
-
-def test_a_folder_that_does_not_exist(failure):
+    assert error.kind == "crash" and "meshing error" in error.message
     error = failure('{ ofstream f("/no/such/dir/file"); f << 1 << endl; }\n' + END)
-    assert error.kind == "crash"
-    assert "/no/such/dir/file" in error.message
+    assert error.kind == "crash" and "/no/such/dir/file" in error.message
 
 
 @pytest.mark.parametrize("signal, kind", [("KILL", "killed"), ("TERM", "killed"), ("SEGV", "crash"), ("ABRT", "crash")])
 def test_signals(failure, signal, kind):
     error = failure(f'exec("kill -{signal} $PPID");\nint a = 0;\nwhile (a < 1) a = 0;\n')
-    assert error.kind == kind
-    assert f"SIG{signal}" in error.message
+    assert error.kind == kind and f"SIG{signal}" in error.message
 
 
-def test_an_endless_loop_meets_the_time_limit(failure):
+def test_what_is_not_finished(failure):
     error = failure("int a = 0;\nwhile (a < 1) a = 0;\n", time_limit=0.3)
     assert error.kind == "time-limit"
-
-
-def test_bad_input(failure):
     error = failure('cout << "@ffsi bad-input text=speed must be positive" << endl;\nexit(2);\n')
     assert (error.kind, error.message) == ("bad-input", "speed must be positive")
-
-
-def test_a_script_that_just_stops(failure):
     error = failure("exit(0);\n" + END)
-    assert error.kind == "crash"
-    assert "end marker" in error.message
+    assert error.kind == "crash" and "end marker" in error.message

@@ -50,7 +50,6 @@ def stretched(pressure: float) -> float:
 
 
 def inner_radius(result) -> float:
-    """Where the inside meets the x axis."""
     mesh = read_mesh(result.directory / "mesh.bin")
     state = read_state(result.directory / "point-0001.bin", mesh)
     (node,) = np.flatnonzero(np.hypot(*(mesh.p2_coordinates - [INNER, 0]).T) < 1e-9)
@@ -85,8 +84,7 @@ def test_a_linear_solid_goes_in_time(plane, tmp_path):
     law = {"material": "linear-elastic", "density": 3.0, "young_modulus": 40.0, "poisson_ratio": 0.3, "plane": plane}
     scene = block(tmp_path, time=True, traction_y=0.1, waveform="sin(9*t)")
     result = solve(with_values(scene, {"solid.rubber": law}), tmp_path / "run")
-    assert result.checked
-    assert np.abs(displacement(result)).max() > 1e-3
+    assert result.checked and np.abs(displacement(result)).max() > 1e-3
 
 
 def displacement(result):
@@ -97,11 +95,9 @@ def displacement(result):
 def test_a_dead_pressure_is_a_traction_and_one_that_follows_is_not(time, tmp_path):
     wave = {"waveform": "sin(9*t)"} if time else {}
     loads = {
-        "dead": {"pressure": -2, "following": False},
-        "traction": {"traction_x": 2},
-        "following": {"pressure": -2},
+        "dead": {"pressure": -2, "following": False}, "traction": {"traction_x": 2}, "following": {"pressure": -2},
         "both": {"pressure": -3, "traction_y": 2},
-    }
+    }  # fmt: skip
     found = {}
     for name, load in loads.items():
         result = solve(block(tmp_path, time=time, **load, **wave), tmp_path / name)
@@ -171,8 +167,7 @@ def test_a_wrong_load_is_caught(name, tmp_path, monkeypatch):
 
     monkeypatch.setattr(execute, "render", broken)
     result = solve(block(tmp_path, time=time, pressure=-3, traction_y=2, **wave), tmp_path / "run")
-    assert not result.checked
-    assert "momentum" in result.reason
+    assert not result.checked and "momentum" in result.reason
 
 
 REFUSED = [

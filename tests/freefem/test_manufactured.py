@@ -32,15 +32,11 @@ BOTH = (
 )
 
 
-# Exact solutions ------------------------------------------------------------------------------------------------------
-
-
 def solid(swing: Swing, field: Callable, pressure: Callable | None = None) -> Solution:
     exact = Exact(
-        u=lambda x, t: swing(t) * field(x),
-        solid_velocity=lambda x, t: swing.rate(t) * field(x),
+        u=lambda x, t: swing(t) * field(x), solid_velocity=lambda x, t: swing.rate(t) * field(x),
         solid_pressure=pressure,
-    )
+    )  # fmt: skip
     return Solution({SOLID: exact})
 
 
@@ -68,9 +64,8 @@ def both(
         above = y - swing(t) * shape(x)
         value, (by_x, by_y) = stream(place), stream_gradient(place)
         curl = vector(
-            2 * above * value + above**2 * by_y,
-            2 * above * swing(t) * slope(x) * value - above**2 * by_x,
-        )
+            2 * above * value + above**2 * by_y, 2 * above * swing(t) * slope(x) * value - above**2 * by_x,
+        )  # fmt: skip
         return vector(0.0 * x, swing.rate(t) * shape(x)) + beating(t) * curl
 
     fluid = Exact(
@@ -133,11 +128,10 @@ EXACT = {
     "solid": solid(SWINGING, parabolas),
     "both": planes_above(lambda x: 1.0 + 0.4 * x[:, 0] - 0.6 * x[:, 1], (0.4, -0.6)),
     # A parabola shears: J = 1, linear F.
-    "incompressible": solid(
-        SWINGING, lambda x: vector(x[:, 1] ** 2, 0.0 * x[:, 0]), lambda x, t: 5.0 * beating(t) * planes(x)
-    ),
+    "incompressible": solid(SWINGING, lambda x: vector(x[:, 1] ** 2, 0.0 * x[:, 0]),
+        lambda x, t: 5.0 * beating(t) * planes(x)),
     "mixed": solid(SWINGING, stretch, pressure_of_stretch),
-}
+}  # fmt: skip
 # A fluid on a mesh that moves as told: the same with all of the solid prescribed.
 TOLD_MESH = ("fluid", "carreau")
 COUPLED = ("both", "hyperelastic")
@@ -147,9 +141,6 @@ for fields in (WAVES, EXACT):
     fields["hyperelastic"] = replace(fields["both"], exact={**fields["both"].exact, FLUID: stiff})
 # The shear rate of a linear velocity is the same at all points.
 EXACT["fluid"], EXACT["carreau"] = EXACT["both"], thinning(planes_above(lambda x: 1.0 + 0.0 * x[:, 0], (0.0, 0.0)))
-
-
-# Runs -----------------------------------------------------------------------------------------------------------------
 
 
 def scene_in_time(kind: str, k: float, end: float, *settings: str) -> Scene:
@@ -198,9 +189,6 @@ def orders(coarse, fine):
 def orders_in_time(errors_of, kind, *settings, mutation=()):
     runs = [errors_of(kind, EXACT[kind], 2, steps, *settings, end=0.4, mutation=mutation) for steps in (8, 16)]
     return orders(*runs)
-
-
-# Tests ----------------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("kind", WAVES)

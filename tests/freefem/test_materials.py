@@ -43,9 +43,14 @@ PAIRS = [
 FRESH = ("solver.start=rest", "solver.reuse_ratio=0")
 
 
-def test_all_materials_and_forms_are_here():
+def test_all_forms_are_here_and_linear_convergence_is_not_quadratic():
     assert set(COMPRESSIBLE) == set(MATERIALS)
     assert set(INCOMPRESSIBLE) == {name for name, law in MATERIALS.items() if issubclass(law, WithFormulation)}
+    # The test of the test.
+    for corrections in ([1e-2, 1e-4, 1e-6, 1e-8, 0], [1e-1, 5e-2, 1e-4, 5e-7, 0]):
+        with pytest.raises(AssertionError):
+            assert_quadratic(pd.DataFrame({"step": 1.0, "correction": corrections}))
+    assert_quadratic(pd.DataFrame({"step": 1.0, "correction": [1e-1, 1e-2, 1e-4, 1e-8, 0]}))
 
 
 def constants_of(material: str, formulation: str) -> dict[str, float]:
@@ -53,7 +58,6 @@ def constants_of(material: str, formulation: str) -> dict[str, float]:
 
 
 def solid_table(material: str, formulation: str, constants: dict[str, float]) -> str:
-    """Return a solid as the inline table of a setting."""
     table = {"density": 1.0} | constants
     texts = {"material": material} | ({"formulation": formulation} if material in INCOMPRESSIBLE else {})
     entries = [f"{key}={value}" for key, value in table.items()] + [f'{key}="{text}"' for key, text in texts.items()]
@@ -61,7 +65,6 @@ def solid_table(material: str, formulation: str, constants: dict[str, float]) ->
 
 
 def cook(material: str, formulation: str, constants: dict[str, float] | None = None) -> tuple[str, ...]:
-    """Return case and settings of Cook's membrane."""
     table = solid_table(material, formulation, constants or constants_of(material, formulation))
     return ("cook", f"solid.membrane={table}", "traction.y=2")
 
@@ -76,12 +79,8 @@ def rotations(angles: np.ndarray) -> np.ndarray:
     return np.stack([np.stack([cos, -sin], -1), np.stack([sin, cos], -1)], -2)
 
 
-def random_gradients() -> np.ndarray:
-    gradients = np.random.default_rng(5).normal(size=(60, 2, 2)) * 0.3
-    return gradients[determinant(IDENTITY + gradients) > 0.2][:40]
-
-
-GRADIENTS = random_gradients()
+GRADIENTS = np.random.default_rng(5).normal(size=(60, 2, 2)) * 0.3
+GRADIENTS = GRADIENTS[determinant(IDENTITY + GRADIENTS) > 0.2][:40]
 ANGLES = np.linspace(-3.1, 3.1, len(GRADIENTS))
 PRESSURES = 50.0 * np.cos(np.arange(len(GRADIENTS)))
 # Arguments grad u by rows and p of what the tests ask for.
@@ -103,8 +102,7 @@ class Fluxes:
         ((name, self.solid),) = scene.solid.items()
         self.material = problem_from_scene(scene).solids[2].material
         columns = 5 if self.solid.mixed else 4
-        line = "// " + "-" * 64
-        text = render(scene)
+        line, text = "// " + "-" * 64, render(scene)
         part = text.partition(f"{line} solids: at")[2].partition(f"{line} rows")[0].partition(f"{line} fluid")[0]
         mixed, incompressible = int(self.solid.mixed), int(self.solid.incompressible)
         numbers = [f"real {p.variable} = {p.value!r};" for p in parameters(scene) if p.key.startswith(f"solid.{name}.")]
@@ -153,7 +151,7 @@ def close(found: np.ndarray, expected: np.ndarray, tolerance: float) -> None:
     np.testing.assert_allclose(found, expected, rtol=0, atol=tolerance * np.abs(expected).max())
 
 
-def test_stress_is_that_of_the_checker(fluxes):
+def test_stress_and_volume_are_those_of_the_checker(fluxes):
     deformation, pressure = IDENTITY + GRADIENTS, PRESSURES[:, None, None]
     if fluxes.solid.mixed:
         expected = fluxes.material.base_stress(GRADIENTS) - pressure * cofactor(deformation)
@@ -161,9 +159,6 @@ def test_stress_is_that_of_the_checker(fluxes):
         expected = fluxes.material.first_piola(GRADIENTS)
     close(fluxes.stress("deformed"), expected, 1e-12)
     close(fluxes.jacobian["deformed"], determinant(deformation), 1e-14)
-
-
-def test_equation_of_the_volume_is_that_of_the_checker(fluxes):
     change = expected = dilatation(GRADIENTS)
     if not fluxes.solid.mixed:
         assert fluxes.flux["deformed"].shape[1] == 4
@@ -181,13 +176,9 @@ def objective(fluxes):
 
 
 @pytest.mark.usefixtures("objective")
-def test_stress_does_not_depend_on_the_frame(fluxes):
+def test_stress_is_objective_and_none_at_rest(fluxes):
     close(fluxes.stress("turned"), rotations(ANGLES) @ fluxes.stress("deformed"), 1e-12)
     np.testing.assert_allclose(fluxes.flux["turned"][:, 4:], fluxes.flux["deformed"][:, 4:], rtol=0, atol=1e-13)
-
-
-@pytest.mark.usefixtures("objective")
-def test_rest_and_rotation_are_free_of_stress(fluxes):
     modulus = fluxes.solid.young_poisson[0]
     np.testing.assert_allclose(fluxes.flux["rest"], 0.0, atol=1e-15 * modulus)
     np.testing.assert_allclose(fluxes.flux["rotation"], 0.0, atol=5e-15 * modulus)
@@ -197,8 +188,7 @@ def test_tangent_at_rest_is_linear_elasticity(fluxes):
     young, nu = fluxes.solid.young_poisson
     unit, mu = np.eye(4), young / (2 * (1 + nu))
     volume = np.array([1.0, 0.0, 0.0, 1.0])  # the trace of grad u, and the cofactor at rest
-    hooke = mu * (unit + unit[[0, 2, 1, 3]])
-    tangent = fluxes.tangent()
+    hooke, tangent = mu * (unit + unit[[0, 2, 1, 3]]), fluxes.tangent()
     if fluxes.solid.incompressible:
         isochoric = unit - np.outer(volume, volume) / 2
         close(isochoric @ tangent[:4, :4] @ isochoric, isochoric @ hooke @ isochoric, 1e-8)
@@ -210,23 +200,12 @@ def test_tangent_at_rest_is_linear_elasticity(fluxes):
     close(tangent, hooke + young * nu / ((1 + nu) * (1 - 2 * nu)) * np.outer(volume, volume), 1e-8)
 
 
-# Runs -----------------------------------------------------------------------------------------------------------------
-
-
 def assert_quadratic(history: pd.DataFrame) -> None:
     """The last three corrections, at full steps: each at most a multiple of the last one's square, or rounding."""
     assert (history["step"].iloc[-4:-1] == 1).all()
     found = history["correction"].to_numpy()[:-1][-3:]
     assert found[0] < 0.1 and found[-1] < 1e-5
     assert (found[1:] <= np.maximum(30 * found[:-1] ** 2, 1e-11)).all(), found
-
-
-def test_linear_convergence_is_not_taken_for_quadratic():
-    """The test of the test."""
-    for corrections in ([1e-2, 1e-4, 1e-6, 1e-8, 0], [1e-1, 5e-2, 1e-4, 5e-7, 0]):
-        with pytest.raises(AssertionError):
-            assert_quadratic(pd.DataFrame({"step": 1.0, "correction": corrections}))
-    assert_quadratic(pd.DataFrame({"step": 1.0, "correction": [1e-1, 1e-2, 1e-4, 1e-8, 0]}))
 
 
 def assert_checked(result: Result) -> None:
@@ -236,22 +215,13 @@ def assert_checked(result: Result) -> None:
     assert max(check.values()) < 1e-8, check
 
 
-@pytest.fixture(params=FORMS, ids=name_of)
-def form(request):
-    return request.param
+form = pytest.fixture(lambda request: request.param, params=FORMS, ids=name_of)
+membrane = pytest.fixture(lambda form, solved: solved(*cook(*form), *FRESH))
 
 
-@pytest.fixture
-def membrane(form, solved) -> Result:
-    return solved(*cook(*form), *FRESH)
-
-
-def test_membrane_is_checked(membrane):
+def test_membrane_is_checked_and_converges_quadratically(membrane):
     assert_checked(membrane)
     assert membrane.quantities["tip_uy"] > 1.0, "the load shall be large"
-
-
-def test_membrane_converges_quadratically(membrane):
     assert (membrane.history["factorized"].iloc[:-1] == 1).all()
     if membrane.scene.solid["membrane"].material == "linear-elastic":
         assert len(membrane.history) <= 3  # one correction, and its rounding
@@ -282,7 +252,7 @@ def test_mixed_form_converges_to_the_displacement_form(material, solved):
     assert distances[1] < 3e-3
 
 
-def test_volume(form, membrane):
+def test_volume_and_no_displacement_without_a_load(form, membrane, solved):
     """Only where J = 1 in the mean of every vertex's triangles is the area the same."""
     mesh = read_mesh(membrane.directory / "mesh.bin")
     state = read_state(membrane.directory / "point-0001.bin", mesh)
@@ -294,11 +264,7 @@ def test_volume(form, membrane):
         assert abs(area - before) < 1e-9 * before
     else:
         assert abs(area - before) > 1e-3 * before
-
-
-def test_no_load_no_displacement(form, solved):
     result = solved(*cook(*form), "traction.y=0")
-    assert result.converged
-    assert result.data["newton"] == {"iterations": 0, "factorizations": 0}
+    assert result.converged and result.data["newton"] == {"iterations": 0, "factorizations": 0}
     state = read_state(result.directory / "point-0001.bin", read_mesh(result.directory / "mesh.bin"))
     assert (state.u == 0).all() and (state.ps == 0).all()

@@ -23,18 +23,12 @@ def test_the_mesh_is_that_of_the_scene(case):
     assert set(scene.exact_areas()) < words
 
 
-def test_a_geometry_with_its_solid_alone_has_a_mesh():
+def test_meshes_are_those_of_runs_or_refused(solved):
     scene = Scene.from_toml(draft("mine", Answers("channel-cavity", what="solid", level="0")))
     assert list(meshed(scene, mesh_of(scene).mesh)["regions"]) == ["floor"]
-
-
-def test_the_mesh_is_that_of_a_run(solved):
     result = solved("turek-fsi1")
     found = mesh_of(result.scene)
     assert (len(found.mesh.triangles), found.unknowns) == (result.data["triangles"], result.data["unknowns"])
-
-
-def test_a_mesh_that_is_too_coarse_is_refused_as_in_a_run():
     with pytest.raises(FreeFEMError, match="smaller elements are needed there") as error:
         mesh_of(load_scene("cylinder-2d1", ["mesh.level=0", "mesh.size_factor=30"]))
     assert error.value.kind == "bad-input"

@@ -30,7 +30,6 @@ pressure = 1
 
 
 def scene(root: Path, *tables: str) -> str:
-    """Write a scene in the copy and return its path."""
     path = root / "scene.toml"
     path.write_text("\n".join(['name = "tube"', "[geometry]", 'kind = "collapsible-channel"', *tables]))
     return str(path)
@@ -48,29 +47,20 @@ def copy(tmp_path_factory) -> Path:
     return root
 
 
-def test_fluid_and_solid(copy):
+def test_fluid_and_solids_steady_and_in_time(copy):
     found = result_of(run(copy, scene(copy, SOLID, FLUID), "both"))
     assert found["regions"] == pytest.approx({"fluid": 8.0, "wall": 0.4}, rel=1e-6)
     assert found["boundaries"]["surface"]["role"] == "interface"
     # Poiseuille's pressure in the middle and that of the outlet bend a clamped strip by q l^4/(384 E I/(1 - nu^2)).
     bent = (1 + 12 * 0.01 * 4) * 4**4 / (384 * 1e6 / (1 - 0.4**2) * 0.1**3 / 12)
     assert found["quantities"]["tip_uy"] == pytest.approx(bent, rel=0.03)
-
-
-def test_in_time_with_a_support(copy):
     steps = "[time]\nstep = 0.05\nend = 0.1\n[support]\nstiffness = 100\ndamping = 1"
     found = result_of(run(copy, scene(copy, SOLID, FLUID, steps), "time"))
     assert found["boundaries"]["outer_side"]["role"] == "supported"
-
-
-def test_a_rigid_wall_has_the_flow_of_a_channel(copy):
     found = result_of(run(copy, scene(copy, FLUID), "rigid"))["quantities"]
     assert found["pressure_drop"] == pytest.approx(12 * 0.01 * 8, rel=1e-6)
     assert found["drag"] == pytest.approx(6 * 0.01 * 4, rel=1e-6)
-
-
-def test_a_solid_alone(copy):
-    """Under its weight."""
+    # Under its weight.
     found = result_of(run(copy, scene(copy, SOLID, "[gravity]", "y = -15"), "solid"))["quantities"]
     assert found["tip_uy"] == pytest.approx(-1.5 * 4**4 / (384 * 1e6 / (1 - 0.4**2) * 0.1**3 / 12), rel=0.03)
 
@@ -82,15 +72,10 @@ def test_mistakes_are_caught(copy):
     replace(copy / LIBRARY, "wallTop-geometryWallThickness*t; label = 6", "wallTop-geometryWallThickness*t; label = 7")
     done = attempt(copy, tables, "label")
     replace(copy / LIBRARY, "wallTop-geometryWallThickness*t; label = 7", "wallTop-geometryWallThickness*t; label = 6")
-    assert done.returncode == 2
-    assert "mesh: the length of the ends is" in done.stderr
+    assert done.returncode == 2 and "mesh: the length of the ends is" in done.stderr
 
 
-def test_what_does_not_fit_is_refused(copy):
+def test_what_does_not_fit_is_refused_and_nothing_else_touched(copy):
     done = attempt(copy, scene(copy, SOLID, FLUID), "long", "geometry.wall_length=6")
-    assert done.returncode == 2
-    assert "geometry.wall_length = 6" in done.stderr
-
-
-def test_nothing_else_was_touched(copy):
+    assert done.returncode == 2 and "geometry.wall_length = 6" in done.stderr
     assert differing(copy) == ({UNION_FILE}, {LIBRARY, SCENE})

@@ -13,17 +13,14 @@ UNION = "Fluid = Annotated["
 REGISTRY = "VISCOSITIES: dict["
 CASE = "turek-fsi1"
 
-
 PLACES = read_places("A new viscosity law")
 PATH = PLACES[0].files[0]
 
 
 @pytest.fixture(scope="module")
 def copy(tmp_path_factory) -> Path:
-    """Copy the program to a folder and add the law at the named places."""
     root = copy_program(tmp_path_factory.mktemp("copy"))
-    assert [place.files[0] for place in PLACES[1:]] == [SCENE, LAW]
-    assert ENTRY in PLACES[2].files
+    assert [place.files[0] for place in PLACES[1:]] == [SCENE, LAW] and ENTRY in PLACES[2].files
     (library,), (scene,), (law, entry) = [place.blocks for place in PLACES]
     (root / PATH).write_text(library, encoding="utf-8")
     insert(root / SCENE, UNION, scene + "\n\n")
@@ -45,32 +42,17 @@ def runs(copy) -> dict[str, Path]:
     return run_all(copy, {out: [CASE, *FRESH, *each] for out, each in settings.items()})
 
 
-def test_the_new_law_is_solved_and_checked(runs):
+def test_the_new_law_is_solved_checked_and_all_that_was_touched(runs, solved, copy):
     result_of(runs["sisko"])
     assert 'law = "sisko"' in (runs["sisko"] / "scene.toml").read_text()
     with pytest.raises(SceneError, match="sisko"):
         load_scene(runs["sisko"] / "scene.toml")
-
-
-def test_in_time(runs):
     result_of(runs["time"])
-
-
-def test_with_exponent_one_it_is_newtonian(runs, solved):
-    found = result_of(runs["newtonian"])["quantities"]
-    plain = solved(CASE).quantities
+    found, plain = result_of(runs["newtonian"])["quantities"], solved(CASE).quantities
     # But for the outlet's condition, far behind the body, both have the same viscosity everywhere.
     for name in ("drag", "drag_surface", "tip_uy"):
         assert found[name] == pytest.approx(plain[name], rel=1e-3)
     assert found["pressure_drop"] == pytest.approx(plain["pressure_drop"], rel=1e-3)
-
-
-def test_its_constants_are_checked(copy):
     done = ffsi(copy, ["run", CASE, "--set", "fluid.law=sisko", "--out", str(copy / "bad")])
-    assert done.returncode == 2
-    assert "fluid.consistency: missing; consistency c, Pa s^m" in done.stderr
-    assert not (copy / "bad").exists()
-
-
-def test_nothing_else_was_touched(copy, runs):
-    assert differing(copy) == ({SCENE, LAW, ENTRY}, {PATH})
+    assert done.returncode == 2 and "fluid.consistency: missing; consistency c, Pa s^m" in done.stderr
+    assert not (copy / "bad").exists() and differing(copy) == ({SCENE, LAW, ENTRY}, {PATH})

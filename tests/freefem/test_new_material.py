@@ -46,8 +46,7 @@ class Pieces:
 def read_pieces() -> Pieces:
     """Return the code blocks of the section, each from the numbered item that names its file."""
     places = read_places("A new material")
-    assert [place.files[0] for place in places[1:]] == [SCENE, LAW]
-    assert ENTRY in places[2].files
+    assert [place.files[0] for place in places[1:]] == [SCENE, LAW] and ENTRY in places[2].files
     (library,), (scene,), (law, entry) = [place.blocks for place in places]
     return Pieces(library, places[0].files[0], scene, law, entry)
 
@@ -56,7 +55,6 @@ PIECES = read_pieces()
 
 
 def with_material(root: Path, pieces: Pieces) -> Path:
-    """Copy the program to the folder and add the material at the named places."""
     copy_program(root)
     (root / pieces.path).write_text(pieces.library, encoding="utf-8")
     insert(root / SCENE, UNION, pieces.scene + "\n\n")
@@ -81,10 +79,7 @@ def assert_same(first: RawState, second: RawState) -> None:
         np.testing.assert_allclose(values, others, rtol=0, atol=1e-9 * np.abs(others).max(initial=0.0))
 
 
-@pytest.fixture(scope="module")
-def copy(tmp_path_factory) -> Path:
-    return with_material(tmp_path_factory.mktemp("copy"), PIECES)
-
+copy = pytest.fixture(lambda tmp_path_factory: with_material(tmp_path_factory.mktemp("copy"), PIECES), scope="module")
 
 FLAP = ["inflow.mean_velocity=0.06", f"solid.flap.bulk_modulus={BULK}"]
 YEOH_FLAP = [*FLAP, f"solid.flap.material={PIECES.material}"]
@@ -92,7 +87,6 @@ YEOH_FLAP = [*FLAP, f"solid.flap.material={PIECES.material}"]
 
 @pytest.fixture(scope="module")
 def runs(copy) -> dict[str, Path]:
-    """Runs from rest with fresh factors in every iteration."""
     flap = ["flap-mooney-rivlin", *FRESH, *YEOH_FLAP]
     settings = {
         "flap": [*flap, *constants("flap", **CONSTANTS)],
@@ -103,9 +97,7 @@ def runs(copy) -> dict[str, Path]:
     return run_all(copy, settings)
 
 
-@pytest.fixture(scope="module")
-def flap(runs) -> Path:
-    return runs["flap"]
+flap = pytest.fixture(lambda runs: runs["flap"], scope="module")
 
 
 def test_the_stress_is_the_derivative_of_the_energy():
@@ -121,22 +113,15 @@ def test_the_stress_is_the_derivative_of_the_energy():
     np.testing.assert_allclose(law.first_piola(np.diag([1e-9, 0.0]))[0, 0], 1e-9 * law.stiffness, rtol=1e-6)
 
 
-def test_the_new_material_is_solved_and_checked(flap):
+def test_the_new_material_is_solved_and_checked(flap, runs, solved):
     result = json.loads((flap / "result.json").read_text())
     assert (result["status"], result["check_failures"]) == ("converged", [])
     check = {name: value for name, value in result["check"].items() if value is not None}
     assert {"momentum", "continuity", "kinematics", "mesh_motion", "drag_difference"} <= set(check)
-    assert max(check.values()) < 1e-8
-    assert f'material = "{PIECES.material}"' in (flap / "scene.toml").read_text()
-
-
-def test_newton_converges_quadratically(flap):
+    assert max(check.values()) < 1e-8 and f'material = "{PIECES.material}"' in (flap / "scene.toml").read_text()
     history = pd.read_csv(flap / "newton.csv")
     assert (history["factorized"].iloc[:-1] == 1).all()
     assert_quadratic(history)
-
-
-def test_without_its_own_constants_it_is_mooney_rivlin_without_the_second(runs, flap, solved):
     mooney = solved("flap-mooney-rivlin", *FRESH, *FLAP, *constants("flap", c10=1, c01=0))
     assert mooney.converged
     assert_same(state_of(runs["flap-c1"]), state_of(mooney.directory))
@@ -195,7 +180,6 @@ SPLIT = """
     def volume_modulus(self) -> float:
         return self.bulk_modulus
 """
-
 
 # Changes of the pieces: the old text, which stands there once, and the new one.
 SCENE_CHANGES = [

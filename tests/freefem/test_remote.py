@@ -25,8 +25,7 @@ def test_two_workers_in_separate_folders_give_the_same_table_although_one_is_kil
         ) as cluster,
         distributed.Client(cluster) as client,
     ):
-        folders = client.run(os.getcwd)
-        pids = list(client.run(os.getpid).values())
+        folders, pids = client.run(os.getcwd), list(client.run(os.getpid).values())
         assert len(set(pids)) == 2 and os.getpid() not in pids and folders
 
         def kill():

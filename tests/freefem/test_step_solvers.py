@@ -22,14 +22,9 @@ def run(directory, case: str, *settings: str) -> Result:
     return solve(load_scene(case, [*SMALL, *settings]), directory)
 
 
-# Condensed and plain Newton -------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    "settings",
-    [[], [f"solid.beam={MIXED}"], ["mesh_motion.kind=hyperelastic"]],
-    ids=["displacement", "mixed", "hyperelastic mesh"],
-)
+@pytest.mark.parametrize("settings", [
+    [], [f"solid.beam={MIXED}"], ["mesh_motion.kind=hyperelastic"],
+], ids=["displacement", "mixed", "hyperelastic mesh"])  # fmt: skip
 def test_both_solvers_give_the_same_history(tmp_path, settings):
     tolerance, step = 1e-8, 0.01
     steps = ["inflow.ramp=0.05", f"time.step={step}", "time.end=0.06", f"solver.step_tolerance={tolerance}"]
@@ -48,8 +43,7 @@ def test_both_solvers_give_the_same_history(tmp_path, settings):
     for name, accepted in {"tip_ux": displacement, "tip_uy": displacement, "drag": force, "lift": force}.items():
         one, other = (result.history[name].to_numpy() for result in (condensed, newton))
         print(f"{name}: {np.abs(one - other).max():.1e} of {np.abs(one).max():.1e}, accepted {accepted:.1e}")
-        assert np.abs(one - other).max() < accepted < 1e-3 * np.abs(one).max()
-        assert not np.array_equal(one, other)
+        assert np.abs(one - other).max() < accepted < 1e-3 * np.abs(one).max() and not np.array_equal(one, other)
 
 
 def test_where_the_mesh_folds_the_run_starts_again_with_one_that_does_not(tmp_path, caplog):
@@ -60,11 +54,9 @@ def test_where_the_mesh_folds_the_run_starts_again_with_one_that_does_not(tmp_pa
     assert result.checked
     assert result.scene.mesh_motion.kind == load_scene(tmp_path / "run/scene.toml").mesh_motion.kind == "hyperelastic"
     (note,) = [text for text in result.data["warnings"] if "mesh_motion" in text]
-    assert "the fluid mesh folds at" in note
-    assert note in caplog.text
+    assert "the fluid mesh folds at" in note and note in caplog.text
     stated = solve(with_values(scene, {"mesh_motion.kind": "linear-elastic"}), tmp_path / "stated")
-    assert not stated.converged
-    assert stated.reason.endswith("mesh_motion.kind = hyperelastic goes further")
+    assert not stated.converged and stated.reason.endswith("mesh_motion.kind = hyperelastic goes further")
 
 
 def test_a_run_with_a_mesh_that_is_not_linear_resumes_to_the_last_digit(tmp_path):
@@ -97,16 +89,12 @@ def test_a_finished_run_goes_on_to_a_later_end(interval, tmp_path):
         resume(first.directory)
 
 
-# Steps that cannot be done --------------------------------------------------------------------------------------------
-
-
 def assert_finite(result: Result) -> None:
     """Assert that no file holds a number that is none, and that the last state is that of the last step."""
     history = pd.read_csv(result.directory / "history.csv")
     assert np.isfinite(history.to_numpy(dtype=float)).all()
     assert (history["min_jacobian"] > result.scene.solver.minimum_jacobian).all()
-    mesh = read_mesh(result.directory / "mesh.bin")
-    states = sorted(result.directory.glob("*.bin"))
+    mesh, states = read_mesh(result.directory / "mesh.bin"), sorted(result.directory.glob("*.bin"))
     raw = [path for path in states if re.match(r"(state|point|failed)", path.name)]
     assert raw
     for path in raw:
@@ -123,8 +111,7 @@ def assert_finite(result: Result) -> None:
 def test_a_far_too_large_step_becomes_a_smaller_one(tmp_path):
     result = run(tmp_path / "run", "turek-fsi3", "inflow.ramp=0.2", "time.step=0.5", "time.end=1")
     assert result.converged, result.reason
-    assert result.data["time"]["reached"] == 1.0
-    assert result.history["step"].iloc[0] < 0.5
+    assert result.data["time"]["reached"] == 1.0 and result.history["step"].iloc[0] < 0.5
     assert "step halved" in (tmp_path / "run/freefem.log").read_text()
     assert_finite(result)
 
@@ -148,8 +135,7 @@ def test_a_far_too_strong_load_fails_with_the_last_good_state(tmp_path, case):
     found = re.fullmatch(r"the step from t = (\S+) s fails down to dt = (\S+) s: (.*)", result.reason)
     assert found, result.reason
     assert float(found[1]) == pytest.approx(reached, rel=1e-5)
-    assert result.scene.time is not None
-    assert float(found[2]) < 2.01e-3 * result.scene.time.step
+    assert result.scene.time is not None and float(found[2]) < 2.01e-3 * result.scene.time.step
     assert "J = det F" in found[3]
     folds = re.search(r"the (?P<place>fluid mesh) folds at \(\S+, \S+\): J = (?P<J>[^;]+)", found[3])
     small = re.search(
@@ -159,6 +145,5 @@ def test_a_far_too_strong_load_fails_with_the_last_good_state(tmp_path, case):
     assert worst, result.reason
     assert worst["place"] == PLACE[case]
     assert float(worst["J"]) == pytest.approx(result.history["min_jacobian"].iloc[-1], rel=1e-4)
-    assert result.state_file == "failed.bin"
-    assert len(result.history) >= 1
+    assert result.state_file == "failed.bin" and len(result.history) >= 1
     assert_finite(result)

@@ -18,72 +18,45 @@ VELOCITIES = [0.03, 0.06, 0.09, 0.12]
 
 @pytest.fixture(scope="module")
 def swept(tmp_path_factory):
-    """A sweep over the velocity: its table, its folder, the events."""
-    folder = tmp_path_factory.mktemp("sweep") / "flap"
-    events = []
+    folder, events = tmp_path_factory.mktemp("sweep") / "flap", []
     table = sweep(scene_of("flap-svk"), {VELOCITY: VELOCITIES}, folder, on_event=events.append)
     return table, folder, events
 
 
-def test_one_row_per_point_in_order(swept):
+def test_one_row_per_point_of_one_process_and_one_mesh(swept, solved):
     table, folder, _ = swept
-    assert table[VELOCITY].tolist() == VELOCITIES
-    assert table["status"].tolist() == ["converged"] * 4
+    assert table[VELOCITY].tolist() == VELOCITIES and table["status"].tolist() == ["converged"] * 4
     assert table["point"].tolist() == [1, 2, 3, 4]
     written = pd.read_csv(folder / "sweep.csv", keep_default_na=False)
     assert written["drag"].tolist() == table["drag"].tolist()
-
-
-def test_one_process_and_one_mesh(swept):
     table, folder, events = swept
     assert table["folder"].unique().tolist() == ["chain-001"]
-    assert [event.kind for event in events].count("start") == 1
-    assert [event.kind for event in events].count("mesh") == 1
+    assert [event.kind for event in events].count("start") == 1 and [event.kind for event in events].count("mesh") == 1
     assert [event.integer("point") for event in events if event.kind == "point"] == [1, 2, 3, 4]
     assert len(list(folder.rglob("mesh.bin"))) == 1
     assert sorted(path.name for path in folder.rglob("point-*.bin")) == [f"point-{i:04d}.bin" for i in (1, 2, 3, 4)]
-
-
-def test_the_tip_moves_further_with_a_faster_flow(swept):
     table = swept[0]
     for quantity, sign in (("tip_ux", 1), ("tip_uy", -1), ("drag", 1), ("lift", -1), ("min_jacobian_fluid", -1)):
         values = sign * table[quantity].to_numpy()
         assert (np.diff(values) > 0).all(), quantity
     # Weak flows: the displacement follows the force, drag is nearly proportional to the velocity.
     assert 2 < table["drag"][1] / table["drag"][0] < 3
-
-
-def test_every_point_is_checked(swept):
     table, folder, _ = swept
-    assert table["check_maximum"].notna().all()
-    assert (table["check_maximum"] < 1e-8).all()
+    assert table["check_maximum"].notna().all() and (table["check_maximum"] < 1e-8).all()
     for result in load_results(folder):
-        assert result.converged
-        assert result.data["check"]["momentum"] < 1e-8
-
-
-def test_a_swept_point_is_the_same_as_a_single_run(swept, solved):
+        assert result.converged and result.data["check"]["momentum"] < 1e-8
     table, single = swept[0], solved("flap-svk")
     assert single.parameters[VELOCITY] == 0.12
     for quantity in ("drag", "lift", "tip_ux", "tip_uy", "min_jacobian"):
         assert table[quantity].iloc[-1] == pytest.approx(single.quantities[quantity], rel=1e-7)
 
 
-def test_every_point_names_the_values_it_used(swept):
-    for result, velocity in zip(load_results(swept[1]), VELOCITIES, strict=True):
-        assert result.parameters[VELOCITY] == velocity
-        assert result.scene.inflow.mean_velocity == velocity
-
-
-def test_the_history_counts_stages_and_points(swept):
-    history = pd.read_csv(swept[1] / "chain-001" / "newton.csv")
-    assert history["point"].unique().tolist() == [1, 2, 3, 4]
-    assert history["stage"].unique().tolist() == [1]
-
-
 def test_the_next_point_starts_from_the_one_before(swept):
-    """Nothing is loaded from zero again, and the first residual of a point is not that of rest."""
+    for result, velocity in zip(load_results(swept[1]), VELOCITIES, strict=True):
+        assert result.parameters[VELOCITY] == velocity and result.scene.inflow.mean_velocity == velocity
     history = pd.read_csv(swept[1] / "chain-001" / "newton.csv")
+    assert history["point"].unique().tolist() == [1, 2, 3, 4] and history["stage"].unique().tolist() == [1]
+    # Nothing is loaded from zero again, and the first residual of a point is not that of rest.
     later = history[history["point"] > 1]
     assert (later["load"] == 1).all()
     started = later[later["iteration"] == 0]
@@ -97,8 +70,7 @@ def test_two_parameters(tmp_path):
     assert table[[VISCOSITY, VELOCITY]].to_numpy().tolist() == [
         list(pair) for pair in itertools.product(*grid.values())
     ]
-    assert table["status"].tolist() == ["converged"] * 4
-    assert table["folder"].tolist() == ["chain-001"] * 4
+    assert table["status"].tolist() == ["converged"] * 4 and table["folder"].tolist() == ["chain-001"] * 4
     assert (table["check_maximum"] < 1e-8).all()
     # A flow of twice the viscosity drags more.
     assert (table["drag"].to_numpy()[2:] > table["drag"].to_numpy()[:2]).all()
@@ -116,8 +88,7 @@ def collapsed(tmp_path_factory):
 
 def test_a_collapsed_solid_is_named_with_its_place(collapsed):
     table, _ = collapsed
-    assert table["status"].tolist() == ["converged", "failed"]
-    assert table["failure"].tolist() == ["", "not-converged"]
+    assert table["status"].tolist() == ["converged", "failed"] and table["failure"].tolist() == ["", "not-converged"]
     reason = table["reason"][1]
     found = re.search(r"the solid flap has collapsed at \(([-0-9.e]+), ([-0-9.e]+)\): J = ([0-9.]+)", reason)
     assert found, reason
@@ -128,14 +99,11 @@ def test_a_collapsed_solid_is_named_with_its_place(collapsed):
 
 def test_what_was_solved_before_the_collapse_is_kept(collapsed):
     table, folder = collapsed
-    assert (folder / "chain-001" / "point-0001.bin").is_file()
-    assert (folder / "chain-001" / "failed.bin").is_file()
+    assert (folder / "chain-001" / "point-0001.bin").is_file() and (folder / "chain-001" / "failed.bin").is_file()
     assert table["check_maximum"][0] < 1e-8
     # The row of the failed point has no quantities; what was reached, between the two velocities, has its own columns.
-    assert np.isnan(table["tip_ux"][1:]).all()
-    assert table["tip_ux"][0] < table["reached_tip_ux"][1]
-    assert 0.06 < table[f"reached_{VELOCITY}"][1] < 0.12
-    assert table["reached_load"][1] == 1
+    assert np.isnan(table["tip_ux"][1:]).all() and table["tip_ux"][0] < table["reached_tip_ux"][1]
+    assert 0.06 < table[f"reached_{VELOCITY}"][1] < 0.12 and table["reached_load"][1] == 1
     assert np.isnan(table["reached_tip_ux"][0])
 
 

@@ -18,7 +18,7 @@ from ffsi.files import folder
 from ffsi.files.manifest import Recorder
 from ffsi.files.steps import read_steps
 from ffsi.freefem import Event
-from ffsi.hemodynamics.result import Result, load_result
+from ffsi.hemodynamics.result import load_result
 from ffsi.reference import check_run
 from ffsi.run.one_scene import solve
 from ffsi.scene import Scene, load_scene
@@ -38,13 +38,7 @@ def fsi3(*settings: str) -> Scene:
     return load_scene("turek-fsi3", [*STEPS, *PLAIN, *settings])
 
 
-@pytest.fixture(scope="module")
-def whole(tmp_path_factory) -> Result:
-    return solve(fsi3(), tmp_path_factory.mktemp("whole") / "run")
-
-
-def settings_of(*words: str) -> list[str]:
-    return [item for word in words for item in ("--set", word)]
+whole = pytest.fixture(lambda tmp_path_factory: solve(fsi3(), tmp_path_factory.mktemp("whole") / "run"), scope="module")
 
 
 def wait_for_rows(history: Path, rows: float, process: subprocess.Popen[bytes]) -> None:
@@ -57,7 +51,8 @@ def wait_for_rows(history: Path, rows: float, process: subprocess.Popen[bytes]) 
 
 def killed(out: Path, rows: int, *settings: str) -> None:
     """Run FSI3 and kill the whole process group with SIGKILL after so many rows of the history."""
-    words = [*COMMAND, "run", "turek-fsi3", *settings_of(*STEPS, *PLAIN, *settings), "--out", str(out)]
+    told = [item for word in (*STEPS, *PLAIN, *settings) for item in ("--set", word)]
+    words = [*COMMAND, "run", "turek-fsi3", *told, "--out", str(out)]
     process = subprocess.Popen(words, start_new_session=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     history = out / "history.csv"
     try:
@@ -83,7 +78,7 @@ def same(a: Path, b: Path) -> None:
     assert one == other
 
 
-def test_a_whole_run_is_checked_and_its_history_is_complete(whole):
+def test_a_whole_run_is_complete_and_its_saved_steps_solve_their_equations(whole):
     assert whole.converged, whole.reason
     assert whole.data["time"]["reached"] == pytest.approx(0.2, abs=1e-12)
     assert len(whole.history) == whole.data["time"]["steps"]
@@ -92,13 +87,9 @@ def test_a_whole_run_is_checked_and_its_history_is_complete(whole):
         *("kinetic", "elastic", "dissipated", "work", "iterations", "factorized", "seconds"),
     ]  # fmt: skip
     np.testing.assert_allclose(whole.history["step"].cumsum(), whole.history["time"], rtol=1e-12)
-    last = whole.history.iloc[-1]
-    final = whole.last_quantities
+    last, final = whole.history.iloc[-1], whole.last_quantities
     for name in ("drag", "lift", "tip_ux", "tip_uy", "min_jacobian"):
         assert last[name] == pytest.approx(final[name], rel=1e-6, abs=1e-12)
-
-
-def test_outputs_are_at_their_times_and_at_the_end(whole):
     times = [step.time for step in whole.saved_steps]
     assert times == pytest.approx([0.045, 0.09, 0.135, 0.18, 0.2], abs=1e-14)
     listed = read_steps(whole.directory)
@@ -109,13 +100,9 @@ def test_outputs_are_at_their_times_and_at_the_end(whole):
     for entry, row in zip(entries, whole.saved_steps, strict=True):
         at = whole.history.iloc[entry.step - 1]
         assert (at["time"], at["step"]) == pytest.approx((row.time, row.k), rel=1e-12)
-        assert at["drag"] == pytest.approx(entry.quantities["drag"], rel=1e-12)
-        assert whole.scene.time is not None
+        assert at["drag"] == pytest.approx(entry.quantities["drag"], rel=1e-12) and whole.scene.time is not None
         assert entry.theta == pytest.approx(whole.scene.time.theta_of(entry.k), rel=1e-12)
     assert {f"{row.new}" for row in whole.saved_steps} <= {path.name for path in whole.directory.iterdir()}
-
-
-def test_every_saved_step_solves_its_equations(whole):
     report = check_run(whole.directory, whole.scene)
     assert report.passed, report.failures
     checked = [report.momentum, report.continuity, report.kinematics, report.mesh_motion, report.drag_difference]
@@ -127,8 +114,7 @@ def test_an_output_time_between_two_steps_is_hit(tmp_path):
     result = solve(fsi3("time.output_interval=0.025", "time.end=0.1"), tmp_path / "run")
     assert result.converged, result.reason
     assert [step.time for step in result.saved_steps] == pytest.approx([0.025, 0.05, 0.075, 0.1], abs=1e-14)
-    assert result.history["step"].max() <= 0.01 + 1e-12
-    assert result.history["step"].min() > 0.002
+    assert result.history["step"].max() <= 0.01 + 1e-12 and result.history["step"].min() > 0.002
 
 
 @pytest.mark.parametrize(("share", "late"), MOMENTS, ids=range(len(MOMENTS)))
@@ -170,8 +156,7 @@ def test_killed_twice(tmp_path, whole, capsys):
     same(tmp_path / "run", whole.directory)
     with pytest.raises(SystemExit) as stopped:
         main(words[-3:])
-    assert stopped.value.code == 2
-    assert "there is nothing to resume" in " ".join(capsys.readouterr().err.split())
+    assert stopped.value.code == 2 and "there is nothing to resume" in " ".join(capsys.readouterr().err.split())
 
 
 def test_the_stop_file_ends_a_run_cleanly_with_its_last_state(tmp_path):
@@ -181,8 +166,7 @@ def test_the_stop_file_ends_a_run_cleanly_with_its_last_state(tmp_path):
 
     result = solve(fsi3("time.end=30", "time.output_interval=10"), tmp_path / "run", on_event=stop)
     assert result.failure == "stopped", result.reason
-    assert 0.15 <= result.data["time"]["reached"] < 1
-    assert result.state_file == "point-0001.bin"
+    assert 0.15 <= result.data["time"]["reached"] < 1 and result.state_file == "point-0001.bin"
     steps = result.saved_steps
     assert [step.step for step in steps] == [len(result.history)]
     np.testing.assert_array_equal(result.fields.velocity, result.fields_of(steps[-1]).velocity)
@@ -195,13 +179,11 @@ def test_it_stops_when_it_is_periodic(tmp_path, monkeypatch):
     result = solve(load_scene("turek-csm3", [*steps, *PLAIN]), tmp_path / "run")
     assert result.converged, result.reason
     time = result.data["time"]
-    assert time["periodic"]
-    assert time["reached"] < 50
+    assert time["periodic"] and time["reached"] < 50
     assert result.quantities["tip_uy"]["frequency"] == pytest.approx(1.0995, rel=0.03)
 
 
 def test_a_sweep_in_time_runs_every_point(tmp_path):
     scene = fsi3("time.end=0.02", "time.output_interval=0.02", "time.checkpoint_interval=0.02")
     table = ffsi.sweep(scene, {"fluid.viscosity": [1.0, 2.0]}, tmp_path / "sweep")
-    assert table["status"].tolist() == ["converged"] * 2
-    assert table["folder"].tolist() == ["chain-001", "chain-002"]
+    assert table["status"].tolist() == ["converged"] * 2 and table["folder"].tolist() == ["chain-001", "chain-002"]

@@ -106,11 +106,9 @@ def test_all_files_of_gmsh_are_the_same_mesh(vessel) -> None:
 
 def test_steady(vessel, tmp_path) -> None:
     out = tmp_path / "steady"
-    assert run("run", vessel / "scene.toml", "--out", out) == 0
-    assert largest_check(out) < 1e-8
+    assert run("run", vessel / "scene.toml", "--out", out) == 0 and largest_check(out) < 1e-8
     data = json.loads((out / "result.json").read_text())
-    assert data["level"] == 0
-    assert data["quantities"]["tip_uy"] > 1e-6
+    assert data["level"] == 0 and data["quantities"]["tip_uy"] > 1e-6
     # The vessel's wall moves outwards by the pressure in it.
     assert data["quantities"]["pressure_drop"] > 0
     # On the inner side of a bend the stress is larger than on the outer one, here that of the elastic wall.
@@ -121,8 +119,7 @@ def test_steady(vessel, tmp_path) -> None:
     assert "wall_shear_stress" in meshio.read(out / "fields.vtu").point_data
     assert {"velocity.png", "pressure.png", "displacement.png", "fields.vtu"} <= {path.name for path in out.iterdir()}
     # The folder is all that is needed from here on.
-    assert run("check", out) == 0
-    assert load_scene(out / "scene.toml") == load_scene(vessel / "scene.toml")
+    assert run("check", out) == 0 and load_scene(out / "scene.toml") == load_scene(vessel / "scene.toml")
     assert load_scene(out / "scene.toml").geometry.file == str(out / "geometry.mesh")
 
 
@@ -143,30 +140,25 @@ def test_in_time(vessel, tmp_path) -> None:
     )
     (vessel / "time.toml").write_text(tomli_w.dumps(table))
     out = tmp_path / "time"
-    assert run("run", vessel / "time.toml", "--out", out) == 0
-    assert largest_check(out) < 1e-8
+    assert run("run", vessel / "time.toml", "--out", out) == 0 and largest_check(out) < 1e-8
     assert (out / "velocity.png").is_file()
     # As if killed: what defines the run is all in its folder.
     for name in ("result.json", "point-0001.json", "point-0001.bin"):
         (out / name).unlink()
-    assert run("run", "--resume", out) == 0
-    assert largest_check(out) < 1e-8
+    assert run("run", "--resume", out) == 0 and largest_check(out) < 1e-8
 
 
 def test_sweep(vessel, tmp_path) -> None:
-    out = tmp_path / "sweep"
-    vary = "inflow.mean_velocity=0.02,0.04"
+    out, vary = tmp_path / "sweep", "inflow.mean_velocity=0.02,0.04"
     assert run("sweep", vessel / "scene.toml", "--vary", vary, "--out", out) == 0
     rows = (out / "sweep.csv").read_text().splitlines()
-    assert len(rows) == 3
-    assert run("report", out, "-o", tmp_path / "report.html") == 0
+    assert len(rows) == 3 and run("report", out, "-o", tmp_path / "report.html") == 0
 
 
 def test_the_rendered_script_runs_alone(vessel, tmp_path, run_text, installation) -> None:
     assert run("render", vessel / "scene.toml", "-o", tmp_path / "vessel.edp") == 0
     folder, done = run_text((tmp_path / "vessel.edp").read_text(), mesh=tmp_path / "vessel.mesh")
-    assert done.status == "converged"
-    assert (folder / "point-0001.bin").is_file()
+    assert done.status == "converged" and (folder / "point-0001.bin").is_file()
 
 
 def test_a_missing_mesh_ends_the_script(vessel, tmp_path, run_text) -> None:
@@ -182,14 +174,12 @@ def test_the_mesh_of_a_case_gives_its_result(turn, solved, tmp_path) -> None:
     """The flap's own mesh as a file, also turned by some degrees: the same forces and displacements, turned."""
     settings = ("inflow.mean_velocity=0.03", "mesh_motion.kind=harmonic")
     case = solved("flap-neo-hookean", *settings)
-    mesh = read_mesh(case.directory / "mesh.bin")
-    angle = math.radians(turn)
+    mesh, angle = read_mesh(case.directory / "mesh.bin"), math.radians(turn)
     rotation = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
     cells = [("triangle", mesh.triangles), ("line", mesh.edges)]
     data = {"medit:ref": [mesh.region, mesh.label]}
     meshio.Mesh(mesh.vertices @ rotation.T, cells, cell_data=data).write(tmp_path / "flap.mesh", file_format="medit")
-    tables = tomllib.loads(case.scene.to_toml())
-    tip = rotation @ case.scene.tip
+    tables, tip = tomllib.loads(case.scene.to_toml()), rotation @ case.scene.tip
     tables["geometry"] = {
         "kind": "mesh", "file": "flap.mesh", "regions": {"fluid": 1, "flap": 2},
         "boundaries": {"inlet": 1, "outlet": 2, "walls": 3, "clamped": 6}, "tip": {"x": tip[0], "y": tip[1]},
@@ -197,8 +187,7 @@ def test_the_mesh_of_a_case_gives_its_result(turn, solved, tmp_path) -> None:
     del tables["mesh"]
     (tmp_path / "scene.toml").write_text(tomli_w.dumps(tables))
     out = tmp_path / "run"
-    assert run("run", tmp_path / "scene.toml", "--out", out) == 0
-    assert largest_check(out) < 1e-8
+    assert run("run", tmp_path / "scene.toml", "--out", out) == 0 and largest_check(out) < 1e-8
     found, wanted = load_result(out).quantities, case.quantities
     for x, y in (("drag", "lift"), ("drag_surface", "lift_surface"), ("tip_ux", "tip_uy")):
         turned = rotation @ (wanted[x], wanted[y])
@@ -239,19 +228,16 @@ def beam(path: Path, curves: dict[str, str], noise: float = 0.0) -> None:
     path.write_text("\n".join([*lines, "$EndElements", ""]))
 
 
-@pytest.mark.parametrize(
-    ("curves", "outline", "load", "tip", "shown"),
-    [
-        # One way to say it is as good as another: once for each side, reversed, in two groups. The numbers are those
-        # of the sides in one group each.
-        ({"left": "5", "top": "", "right": "5"}, {"clamped": "fixed"}, "gravity", -0.0129073, "clamped 2 m, free 8 m"),
-        ({"left": "5", "top": "", "right": "-5"}, {"clamped": "fixed"}, "gravity", -0.0129073, "clamped 2 m, free 8 m"),
-        ({"left": "5", "top": "7", "right": "3 7"}, {"clamped": "fixed", "loaded": "push"}, "traction", -0.220858,
-         "clamped 1 m, free 4 m, loaded 5 m"),
-        ({"left": "3 5", "top": "-7", "right": "-7 -3"}, {"clamped": "fixed", "loaded": "push"}, "traction", -0.220858,
-         "clamped 1 m, free 4 m, loaded 5 m"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("curves", "outline", "load", "tip", "shown"), [
+    # One way to say it is as good as another: once for each side, reversed, in two groups. The numbers are those
+    # of the sides in one group each.
+    ({"left": "5", "top": "", "right": "5"}, {"clamped": "fixed"}, "gravity", -0.0129073, "clamped 2 m, free 8 m"),
+    ({"left": "5", "top": "", "right": "-5"}, {"clamped": "fixed"}, "gravity", -0.0129073, "clamped 2 m, free 8 m"),
+    ({"left": "5", "top": "7", "right": "3 7"}, {"clamped": "fixed", "loaded": "push"}, "traction", -0.220858,
+     "clamped 1 m, free 4 m, loaded 5 m"),
+    ({"left": "3 5", "top": "-7", "right": "-7 -3"}, {"clamped": "fixed", "loaded": "push"}, "traction", -0.220858,
+     "clamped 1 m, free 4 m, loaded 5 m"),
+])  # fmt: skip
 def test_sides_in_two_groups_and_reversed(curves, outline, load, tip, shown, tmp_path, capsys) -> None:
     beam(tmp_path / "beam.msh", curves)
     solid = {"material": "neo-hookean", "density": 1000, "young_modulus": 1e7, "poisson_ratio": 0.3}

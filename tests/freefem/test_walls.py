@@ -194,10 +194,9 @@ def test_a_slip_wall_along_no_axis_is_refused(tmp_path):
     turn = np.array([[np.cos(0.3), np.sin(0.3)], [-np.sin(0.3), np.cos(0.3)]])
     path = write_mesh(
         tmp_path / "turned.msh",
-        type(mesh)(mesh.vertices @ turn, mesh.triangles, mesh.region, mesh.edges, mesh.label, mesh.p2),
-        {"fluid": 1},
+        type(mesh)(mesh.vertices @ turn, mesh.triangles, mesh.region, mesh.edges, mesh.label, mesh.p2), {"fluid": 1},
         {"in": 1, "out": 2, "sides": 3},
-    )
+    )  # fmt: skip
     with pytest.raises(SceneError, match=r"parallel to no axis; accepted: straight pieces along x or y"):
         scene_on(
             path, {"inlet": "in", "outlet": "out", "slip": "sides"}, {"fluid": "fluid"}, fluid=WATER,

@@ -82,7 +82,6 @@ HOLD = """  for (int i = 0; i < N2; ++i) if (solidNode[i]) {
 
 
 def replaced(text: str, old: str, new: str) -> str:
-    """Replace what must occur exactly once."""
     assert text.count(old) == 1, f"the templates have changed: {old!r} occurs {text.count(old)} times"
     return text.replace(old, new)
 
@@ -114,9 +113,6 @@ def told(scene: Scene, *, hold: bool = False) -> str:
     return replaced(text, step, f"  ReadLevel(stepNumber+1); AddSources();\n{step}")
 
 
-# Meshes ---------------------------------------------------------------------------------------------------------------
-
-
 def solid_mesh(n: int) -> RawMesh:
     """The unit square, clamped at its left and right sides."""
     grid = np.linspace(0, 1, n + 1)
@@ -133,9 +129,6 @@ def both_mesh(n: int) -> RawMesh:
 
     x, y = np.linspace(0, 1, n + 1), np.linspace(-0.5, 1, 3 * n // 2 + 1)
     return structured_mesh(x, y, lambda x, y: SOLID if y < 0 else FLUID, label)
-
-
-# Values ---------------------------------------------------------------------------------------------------------------
 
 
 def elements_of(mesh: RawMesh, region: int) -> Elements:
@@ -230,8 +223,7 @@ def add_force(total: Floats, elements: Elements, force: Floats) -> None:
 
 def add_traction(total: Floats, mesh: RawMesh, region: int, label: int, stress: Callable[[Floats], Floats]) -> None:
     """Add the work of P N on the edges of a label, N the normal that leaves the region, which is convex."""
-    inside = np.unique(mesh.p2[mesh.region == region])
-    nodes = mesh.edge_nodes[mesh.label == label]
+    inside, nodes = np.unique(mesh.p2[mesh.region == region]), mesh.edge_nodes[mesh.label == label]
     start, end = mesh.p2_coordinates[nodes[:, 0]], mesh.p2_coordinates[nodes[:, 1]]
     normal = (end - start)[:, ::-1] * [1.0, -1.0]
     outward = start - mesh.p2_coordinates[inside].mean(axis=0)
@@ -241,9 +233,6 @@ def add_traction(total: Floats, mesh: RawMesh, region: int, label: int, stress: 
     tensor = stress(points.reshape(-1, 2)).reshape(*points.shape, 2)
     work = np.einsum("q,qa,nqij,nj->nai", weights, line_basis(parameters)[0], tensor, normal)
     np.add.at(total, nodes, -work)
-
-
-# Files ----------------------------------------------------------------------------------------------------------------
 
 
 def write(folder: Path, solution: Solution, mesh: RawMesh, times: Floats) -> None:

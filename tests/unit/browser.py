@@ -80,7 +80,6 @@ class Page:
         return answer["result"].get("value")
 
     def picture(self) -> bytes:
-        """The whole page as PNG."""
         size = self.ask("Page.getLayoutMetrics")["cssContentSize"]
         clip = {"x": 0, "y": 0, "width": size["width"], "height": size["height"], "scale": 1}
         return base64.b64decode(self.ask("Page.captureScreenshot", clip=clip, captureBeyondViewport=True)["data"])
@@ -91,7 +90,6 @@ class Page:
 
 @contextmanager
 def chromium() -> Iterator[Page]:
-    """Start the browser and open a page in it."""
     assert CHROMIUM is not None
     to_read, to = os.pipe()
     answers, answers_write = os.pipe()

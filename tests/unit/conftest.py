@@ -44,3 +44,9 @@ def check(monkeypatch) -> FakeCheck:
     fake = FakeCheck()
     monkeypatch.setattr("ffsi.reference.check_run", fake)
     return fake
+
+
+@pytest.fixture
+def in_an_empty_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "300")

@@ -50,8 +50,7 @@ def structured_mesh(nx: int = 10, ny: int = 4, length: float = 2.5, height: floa
 def given_state(mesh: RawMesh, scale: float = 1.0) -> RawState:
     """Quadratic u and v, linear p (zero inside the solid, as FreeFEM writes it); see `exact`."""
     at = mesh.p2_coordinates
-    fields = exact(at[:, 0], at[:, 1], scale)
-    p = exact(*mesh.vertices.T, scale)["p"]
+    fields, p = exact(at[:, 0], at[:, 1], scale), exact(*mesh.vertices.T, scale)["p"]
     fluid = np.zeros(len(p), dtype=bool)
     fluid[mesh.triangles[mesh.region == 1]] = True
     return RawState(
@@ -85,10 +84,8 @@ def point_json(
 
 
 def make_run(directory: Path, case: str = "flap-svk", **changes: Any) -> Path:
-    """Write a finished run folder; `changes` go into result.json."""
     directory.mkdir(parents=True, exist_ok=True)
-    scene = load_scene(case, ["mesh.level=0"])
-    mesh = structured_mesh()
+    scene, mesh = load_scene(case, ["mesh.level=0"]), structured_mesh()
     write_mesh(directory / "mesh.bin", mesh)
     write_state(directory / "point-0001.bin", given_state(mesh))
     point = point_json(case, 1, scene.parameters())
@@ -120,8 +117,7 @@ class FakeFreeFEM:
         **_: Any,
     ) -> Completed:  # fmt: skip
         out = Path(arguments["out"])
-        scene = load_scene(str(out / "scene.toml"), [])
-        mesh = structured_mesh()
+        scene, mesh = load_scene(str(out / "scene.toml"), []), structured_mesh()
         write_mesh(out / "mesh.bin", mesh)
         (out / "newton.csv").write_text(NEWTON)
         points = _points(Path(arguments["points"])) if "points" in arguments else [{}]

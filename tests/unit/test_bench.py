@@ -7,7 +7,6 @@ import pandas as pd
 import pytest
 
 from ffsi.scene import CASES, load_scene
-from studies.__main__ import main
 from studies.bench import mesh_motion, steady
 from studies.bench.mesh_motion import MOTIONS, SWEEPS, Motion, Sweep, Track
 from studies.bench.steady import (
@@ -49,33 +48,21 @@ def failed(case: str, level: int) -> Run:
     return Run(case, {"status": "failed", "failure": "not-converged", "reason": "J too small", "level": level})
 
 
-def test_ratios_are_sums_of_phases_over_one_factorisation():
+def test_ratios_medians_and_marks_in_tables():
     found = ratios(TIMINGS)
     assert found == pytest.approx({"newton": 2.0, "one_jacobian": 0.5, "one_residual": 0.01, "overhead": 1.2})
     assert {ratio.name: ratio.bound for ratio in RATIOS} == {
         "newton": 5, "one_jacobian": 1, "one_residual": 1 / 20, "overhead": 4,
     }  # fmt: skip
-
-
-def test_a_phase_that_was_not_timed_gives_no_ratio():
     found = ratios({name: value for name, value in TIMINGS.items() if name != "check"})
     assert found["overhead"] != found["overhead"]  # NaN
-    assert found["newton"] == pytest.approx(2)
-    assert all(value != value for value in ratios({}).values())
-
-
-def test_repeated_runs_give_medians():
+    assert found["newton"] == pytest.approx(2) and all(value != value for value in ratios({}).values())
     row = cost_row([run(factor=1), run(factor=10), run(factor=2)])
-    assert (row["seconds"], row["script_seconds"]) == (6.0, 4.0)
-    assert row["ratio_newton"] == pytest.approx(4)
+    assert (row["seconds"], row["script_seconds"]) == (6.0, 4.0) and row["ratio_newton"] == pytest.approx(4)
     assert (row["runs"], row["status"]) == (3, "converged")
-
-
-def test_tables_mark_what_is_above_its_bound_and_stay_whole_after_a_failure():
     table = level_table([cost_row([run()]), cost_row([run(factor=3)]), cost_row([failed("x", 3)])])
     assert table.head[3] == "residual + Jacobian + factorise + solve (below 5)"
-    assert table.body[0] == ["2", "7000", "0.500", "2.00", "0.50", "0.010", "1.20"]
-    assert table.body[1][3] == "6.00 !"
+    assert table.body[0] == ["2", "7000", "0.500", "2.00", "0.50", "0.010", "1.20"] and table.body[1][3] == "6.00 !"
     assert set(table.body[2][1:]) == {"–"}
 
 
@@ -90,11 +77,7 @@ def test_table_and_readme_are_written(tmp_path, monkeypatch, capsys):
     assert "Written by `python -m studies bench --repeat 2`" in text
     assert "one residual (below 0.05)" in capsys.readouterr().out
     monkeypatch.setattr(steady, "measure", lambda variant, level: failed(variant.case, level))
-    assert steady.main_levels(readme=readme) == ["not-converged"] * 5
-    assert readme.read_text() == text
-
-
-# Scenes -------------------------------------------------------------------------------------------------------------
+    assert steady.main_levels(readme=readme) == ["not-converged"] * 5 and readme.read_text() == text
 
 
 def solution(**timings: float) -> Run:
@@ -103,7 +86,7 @@ def solution(**timings: float) -> Run:
     return replace(base, data={**base.data, "timings": {**TIMINGS, "coarser_meshes": 0.25, **timings}})
 
 
-def test_scenes_name_the_phases_of_what_is_above_a_bound():
+def test_scenes_and_formulations_within_a_repetition():
     rows = [cost_row([solution()]), cost_row([solution(jacobian=2.0, solve=3.0, one_jacobian=0.6)])]
     table = scene_table([*rows, cost_row([failed("flap-svk", 2)])], reasons=True)
     assert table.head[4] == "Newton (< 5)"
@@ -112,10 +95,12 @@ def test_scenes_name_the_phases_of_what_is_above_a_bound():
     assert table.body[1][-1] == "Newton: solve 6.0, Jacobian 4.0, factorise 1.0, residual 0.1; one Jacobian"
     assert table.body[2] == ["flap-svk", "2", *["–"] * 9, ""]
     assert scene_table(rows).body == [row[:-1] for row in table.body[:2]]
-
-
-def test_formulations_are_compared_within_a_repetition():
-    """A machine that is ten times slower in the second repetition changes no quotient."""
+    assert set(steady.NEAREST) | set(steady.FORMULATED) <= set(CASES.steady)
+    for case, solid in steady.FORMULATED.items():
+        for formulation in FORMULATIONS:
+            scene = load_scene(case, [f"solid.{solid}.formulation={formulation}"])
+            assert scene.solid[solid].mixed == (formulation != "displacement")
+    # A machine that is ten times slower in the second repetition changes no quotient.
     repetitions = [
         [solution(total=slow), solution(total=1.25 * slow, one_jacobian=0.4), solution(total=2 * slow)]
         for slow in (3.0, 30.0, 3.0)
@@ -125,27 +110,13 @@ def test_formulations_are_compared_within_a_repetition():
     assert rows[1]["quotient_one_jacobian"] == pytest.approx(1.6)
     table = formulation_table(rows)
     assert table.body[1][:2] == ["cook", "mixed"]
-    assert table.body[1][5:] == ["1.25", "1.00", "1.00", "1.60 !", "1.00"]
-    assert table.body[2][5] == "2.00 !"
-
-
-def test_a_formulation_that_failed_has_no_quotient():
+    assert table.body[1][5:] == ["1.25", "1.00", "1.00", "1.60 !", "1.00"] and table.body[2][5] == "2.00 !"
     rows = formulation_rows("cook", [[solution(), failed("cook", 2), solution()]])
-    assert formulation_table(rows).body[1] == ["cook", "mixed", *["–"] * 8]
-    assert rows[2]["quotient_script"] == 1
-
-
-def test_every_scene_has_a_level_and_every_formulation_is_a_scene():
-    assert set(steady.NEAREST) | set(steady.FORMULATED) <= set(CASES.steady)
-    for case, solid in steady.FORMULATED.items():
-        for formulation in FORMULATIONS:
-            scene = load_scene(case, [f"solid.{solid}.formulation={formulation}"])
-            assert scene.solid[solid].mixed == (formulation != "displacement")
+    assert formulation_table(rows).body[1] == ["cook", "mixed", *["–"] * 8] and rows[2]["quotient_script"] == 1
 
 
 @pytest.fixture
 def runs(monkeypatch) -> list[tuple[str, tuple[str, ...]]]:
-    """Replace the runs of `--scenes` by given ones; the calls are recorded."""
     calls = []
 
     def solved(case, *settings):
@@ -168,16 +139,14 @@ def test_scenes_are_run_and_written(tmp_path, runs, capsys):
     assert pd.read_csv(tmp_path / "results/bench-formulations.csv")["quotient_newton"].tolist() == [1] * 9
     text = readme.read_text()
     assert "Written by `python -m studies bench --scenes --repeat 2`" in text
-    assert "(results/bench-formulations.csv)" in text
-    assert "Formulations of the solid" in capsys.readouterr().out
+    assert "(results/bench-formulations.csv)" in text and "Formulations of the solid" in capsys.readouterr().out
 
 
 def test_a_failed_scene_leaves_the_readme_alone(tmp_path, runs, monkeypatch):
     readme = tmp_path / "README.md"
     readme.write_text(README)
     monkeypatch.setattr(steady, "run", lambda case, *settings: failed(case, 2))
-    assert set(steady.main_scenes(readme=readme)) == {"not-converged"}
-    assert readme.read_text() == README
+    assert set(steady.main_scenes(readme=readme)) == {"not-converged"} and readme.read_text() == README
 
 
 def test_a_run_counts_what_was_done_on_coarser_meshes(monkeypatch):
@@ -209,52 +178,41 @@ def point(number: int, jacobian: float, failure: str = "") -> dict[str, object]:
 
 
 def track(motion: Motion, *jacobians: float, failure: str = "", sweep: Sweep = SHORT) -> Track:
-    """A sweep with these min J; with a failure that is what its last point has."""
     last = len(jacobians)
     points = [point(i, value, failure if i == last else "") for i, value in enumerate(jacobians, start=1)]
     return Track(sweep, motion, points)
 
 
 def known(found: Track) -> dict[str, object]:
-    """What the line of a track says of its sweep."""
     names = [*found.motion._fields, "roof", "ended"]
     return {key: value for key, value in found.row.items() if key not in names and value is not None}
 
 
-def test_a_sweep_to_its_last_point():
+def test_a_sweep_to_its_last_point_and_one_that_ends_before():
     found = track(GOOD, 0.7, 0.5, 0.4)
     assert found.end is None
     assert known(found) == {
         "reaches": "≥ 0.18", "min_jacobian_last": 0.4, "min_jacobian": 0.5, "tip_ux": 0.13, "seconds": 3.0,
         "iterations": 20, "factorizations": 2, "one_factorization": 0.1, "one_jacobian": 0.07,
     }  # fmt: skip
-
-
-def test_where_a_sweep_ends_is_a_finding():
     found = track(POOR, 0.7, 0.01, failure="not-converged")
-    assert found.row["reaches"] == "0.06"
-    assert found.end is not None and found.end[0] == 0.12
-    assert found.row["min_jacobian_last"] == 0.7
-    assert "min_jacobian" not in known(found)
+    assert found.row["reaches"] == "0.06" and found.end is not None and found.end[0] == 0.12
+    assert found.row["min_jacobian_last"] == 0.7 and "min_jacobian" not in known(found)
     assert known(track(POOR, 0.01, failure="not-converged")) == {"reaches": "–"}
 
 
 def test_a_failed_check_and_a_crash_are_failures(monkeypatch):
     for failure in ("check", "crash"):
         monkeypatch.setattr(
-            mesh_motion,
-            "run",
+            mesh_motion, "run",
             lambda sweep, motion, failure=failure: track(motion, 0.7, 0.5, failure=failure, sweep=sweep),
-        )
+        )  # fmt: skip
         assert mesh_motion.main() == [failure] * 16
 
 
-def test_a_failed_check_is_a_solved_point():
+def test_mesh_motions_and_their_tables():
     found = track(GOOD, 0.7, 0.5, 0.4, failure="check")
     assert found.row["reaches"] == "≥ 0.18"
-
-
-def test_the_tables_of_mesh_motions():
     tracks = [track(GOOD, 0.7, 0.5, 0.4), track(POOR, 0.01, failure="not-converged")]
     table = mesh_motion.motion_table(tracks, mesh_motion.ENDED)
     costs_of_good = ["3.0", "20", "2", "0.100", "0.070"]
@@ -269,16 +227,12 @@ def test_the_tables_of_mesh_motions():
     assert frame["min_jacobian_fluid"].tolist()[:3] == [0.7, 0.5, 0.4]
     assert frame["reached_min_jacobian_fluid"].tolist()[3:] == [0.01]
     assert frame["drag"].isna().tolist() == [False, False, False, True]
-
-
-def test_every_mesh_motion_is_a_scene_and_both_sweeps_hold_the_common_point():
     for sweep in SWEEPS:
         assert mesh_motion.COMMON in sweep.velocities
         scenes_of = [load_scene(sweep.case, motion.settings) for motion in MOTIONS]
         assert scenes_of[MOTIONS.index(GOOD)] == load_scene(sweep.case, [])
         assert len({scene.to_toml() for scene in scenes_of}) == len(MOTIONS)
-    assert SWEEPS[0].velocities[-1] == 0.3
-    assert multiples(0.1, 3) == (0.1, 0.2, 0.3)
+    assert SWEEPS[0].velocities[-1] == 0.3 and multiples(0.1, 3) == (0.1, 0.2, 0.3)
 
 
 def test_a_sweep_is_one_chain_that_ends_at_its_first_failure(monkeypatch):
@@ -312,8 +266,7 @@ def test_mesh_motions_are_run_and_written(tmp_path, monkeypatch, capsys):
     assert "rigid roof, harmonic, constant: failed at 0.02 m/s: the fluid mesh folds" in text
     assert "Written by `python -m studies bench --mesh-motion`" in readme.read_text()
     out, err = capsys.readouterr()
-    assert "hyperelastic, size" in out
-    assert "and so on" in err
+    assert "hyperelastic, size" in out and "and so on" in err
 
 
 def test_a_sweep_that_no_mesh_motion_starts_is_a_failure(tmp_path, monkeypatch):
@@ -322,40 +275,4 @@ def test_a_sweep_that_no_mesh_motion_starts_is_a_failure(tmp_path, monkeypatch):
     monkeypatch.setattr(
         mesh_motion, "run", lambda sweep, motion: track(motion, 0.0, failure="not-converged", sweep=sweep)
     )
-    assert mesh_motion.main(readme=readme) == ["not-converged", "not-converged"]
-    assert readme.read_text() == README
-
-
-# Command line -------------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("words", "module", "function", "options"),
-    [
-        (["--repeat", "2"], steady, "main_levels", {"repeat": 2}),
-        (["--scenes", "--repeat", "3"], steady, "main_scenes", {"repeat": 3}),
-        (["--mesh-motion"], mesh_motion, "main", {}),
-    ],
-)
-def test_the_kind_of_measurement_is_chosen_by_its_option(monkeypatch, words, module, function, options):
-    seen = []
-    monkeypatch.setattr(module, function, lambda **given: seen.append(given) or ["not-converged"])
-    with pytest.raises(SystemExit) as ended:
-        main(["bench", *words])
-    assert (ended.value.code, seen) == (3, [options])
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (["--scenes", "--mesh-motion"], "either --scenes or --mesh-motion"),
-        (["--scenes", "--runs", "there"], "python -m studies bench --scenes has no option --runs"),
-        (["--mesh-motion", "--repeat", "2"], "python -m studies bench --mesh-motion has no option --repeat"),
-        (["--repeat", "0"], "greater than or equal to 1"),
-    ],
-)
-def test_options_of_another_kind_are_refused(capsys, words, message):
-    with pytest.raises(SystemExit) as ended:
-        main(["bench", *words])
-    assert ended.value.code == 2
-    assert message in capsys.readouterr().err
+    assert mesh_motion.main(readme=readme) == ["not-converged", "not-converged"] and readme.read_text() == README

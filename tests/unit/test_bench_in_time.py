@@ -5,7 +5,6 @@ import math
 import numpy as np
 import pandas as pd
 import pytest
-from test_cli import call
 
 from ffsi.files import folder
 from ffsi.files.errors import InputError
@@ -53,8 +52,7 @@ def steps(seconds: list[float]) -> Run:
 
 
 def test_meshes_steps_and_bounds_are_the_stated_ones():
-    assert [size.bound for size in bench.SIZES] == [0.12, 0.28] * 2
-    assert bench.SIZES[2].scene(1.0).fluid.law == "carreau"
+    assert [size.bound for size in bench.SIZES] == [0.12, 0.28] * 2 and bench.SIZES[2].scene(1.0).fluid.law == "carreau"
     for step in ("condensed", "newton"):
         scene = bench.SIZES[0].scene(5.5, step)
         assert (scene.time.step, scene.time.end, scene.time.stop, scene.solver.step) == (0.005, 5.5, "end", step)
@@ -64,26 +62,22 @@ def test_steps_start_from_the_developed_motion_and_its_ends_do_not_count(tmp_pat
     readme = tmp_path / "README.md"
     readme.write_text(README)
     given = {"repeat": 2, "out": tmp_path / "out", "runs": tmp_path / "runs", "sizes": [SIZE]}
-    assert bench.main(readme=readme, **given) == [""] * 12
-    assert in_time.first_steps == [1, *[201] * 5]
+    assert bench.main(readme=readme, **given) == [""] * 12 and in_time.first_steps == [1, *[201] * 5]
     developed = load_scene(str(tmp_path / "runs/small-developed/scene.toml"), [])
     for name, count in (("condensed-0", 2), ("condensed-2", 22), ("newton-1", 6)):
         directory = tmp_path / f"runs/small-{name}"
         assert len(pd.read_csv(directory / "history.csv")) == 200 + count
         scene = load_scene(str(directory / "scene.toml"), [])
-        assert scene.solver.step == name[:-2]
-        assert scene.mesh == developed.mesh
+        assert scene.solver.step == name[:-2] and scene.mesh == developed.mesh
     condensed, newton = (row for _, row in pd.read_csv(tmp_path / "out/bench-unsteady.csv").iterrows())
     assert (condensed["steps"], newton["steps"], condensed["runs"]) == (20, 4, 2)
     assert condensed["median_seconds"] == pytest.approx(0.01)
     # New factors in the steps 201, 211, 221; the first and the last step do not count.
     assert condensed["rebuilds_per_100_steps"] == pytest.approx(100 * 2 / 20)
-    assert condensed["ratio"] == pytest.approx(1.0)
-    assert math.isnan(newton["ratio"])
+    assert condensed["ratio"] == pytest.approx(1.0) and math.isnan(newton["ratio"])
     assert "Written by `python -m studies bench --unsteady --repeat 2`" in readme.read_text()
     assert "| small flag | 900 | condensed | 0.010 | 0.010 | 0.02 | 1.0 ! |" in readme.read_text()
-    assert "plain Newton" in capsys.readouterr().out
-    assert bench.main(**given) == [""] * 12
+    assert "plain Newton" in capsys.readouterr().out and bench.main(**given) == [""] * 12
     assert in_time.first_steps[6:] == [201] * 5
 
 
@@ -92,10 +86,8 @@ def test_medians_means_and_ratio():
         bench.row(SIZE, "condensed", [steps([0.01, 0.01, 0.04]), steps([0.03] * 3), steps([0.02] * 3)], START),
         bench.row(SIZE, "newton", [steps([0.4] * 3)], START),
     ]
-    assert rows[0]["median_seconds"] == pytest.approx(0.02)
-    assert rows[0]["mean_seconds"] == pytest.approx(0.02)
-    assert rows[0]["largest_seconds"] == pytest.approx(0.03)
-    assert rows[0]["iterations_per_step"] == 3
+    assert rows[0]["median_seconds"] == pytest.approx(0.02) and rows[0]["mean_seconds"] == pytest.approx(0.02)
+    assert rows[0]["largest_seconds"] == pytest.approx(0.03) and rows[0]["iterations_per_step"] == 3
     assert rows[0]["residual_seconds"] == pytest.approx(0.1)
     rows[0]["ratio"] = 20.0
     body = bench.step_table(rows, [SIZE]).body
@@ -136,10 +128,3 @@ def test_errors_fall_with_the_square_of_the_time_step():
     assert [math.isnan(row["error"]) for row in broken] == [True, False, False, False, False]
     assert table(broken, bench.ERROR_COLUMNS).body[0][4:] == ["–", "–"]
     assert all(math.isnan(row["error"]) for row in bench.error_rows([*runs[:-1], swing(FINEST, failure="check")]))
-
-
-def test_the_command_line(capsys, monkeypatch):
-    seen = []
-    monkeypatch.setattr(bench, "main", lambda **given: seen.append(given) or [""])
-    assert call(capsys, "bench", "--unsteady", "--repeat", "3")[0] == 0
-    assert seen == [{"repeat": 3}]

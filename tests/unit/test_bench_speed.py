@@ -17,18 +17,11 @@ BURN = "import time; t = time.process_time()\nwhile time.process_time() - t < {}
 NESTED = "import subprocess, sys; subprocess.run([sys.executable, '-c', {!r}]); print('{{\"unknowns\": 7}}')"
 
 
-def test_the_time_of_children_counts():
+def test_children_count_tasks_alternate_and_failures_stay():
     seconds, found = processor_time([sys.executable, "-c", NESTED.format(BURN.format(0.3))])
-    assert found == {"unknowns": 7}
-    assert 0.3 < seconds < 3
-
-
-def test_what_dies_is_a_failure_with_its_last_words():
+    assert found == {"unknowns": 7} and 0.3 < seconds < 3
     _, found = processor_time([sys.executable, "-c", "raise SystemExit('no such mesh')"])
     assert found == {"failure": "crash", "reason": "no such mesh"}
-
-
-def test_tasks_alternate_and_give_medians_and_a_failure_stays():
     order, numbers = [], count()
 
     def task(name, seconds, failing=-1):
@@ -40,20 +33,17 @@ def test_tasks_alternate_and_give_medians_and_a_failure_stays():
 
     tasks = {("a", 1): task("a", iter([1.0, 9.0, 2.0])), ("b", 1): task("b", iter([5.0, 5.0, 7.0]), failing=1)}
     found = alternating(tasks, 3)
-    assert order == ["a", "b"] * 3
-    assert [item["seconds"] for item in found.values()] == [2, 5]
+    assert order == ["a", "b"] * 3 and [item["seconds"] for item in found.values()] == [2, 5]
     assert [item["failure"] for item in found.values()] == ["", "check"]
 
 
-def test_errors_are_against_a_source_or_the_own_finest_level():
+def test_errors_and_the_cheapest_within_each_tolerance():
     assert reference(SAMPLES[2], {}).values["tip_ux"] == 2.2681e-5
     own = reference(Sample("flap-svk", ("drag",)), {"quantities": {"drag": 2.0}})
     line = row({"unknowns": 10, "seconds": 1.0, "quantities": {"drag": 1.9, "lift": 3.0}}, own, ("drag",), level=0)
     assert (line["error_drag"], line["error"]) == (pytest.approx(-0.05), pytest.approx(0.05))
     assert math.isnan(row({"seconds": 1.0, "failure": "crash"}, own, ("drag",))["error"])
 
-
-def test_the_cheapest_within_each_tolerance_stands_beside_the_peers():
     def line(program, seconds, error):
         return {"program": program, "mesh": "", "unknowns": 1, "seconds": seconds, "error": error}
 
@@ -105,5 +95,4 @@ def test_the_readme_tells_what_was_measured_beside_the_peer(tolerance):
     (line,) = [line for line in lines if f"turek-fsi1 --set mesh.level={own['mesh'].removeprefix('level ')}`" in line]
     assert f"within {tolerance}" in line
     for item in (own, other):
-        assert f"{item['seconds']:.1f} s" in line
-        assert f"{item['unknowns']:,} unknowns".replace(",", " ") in line
+        assert f"{item['seconds']:.1f} s" in line and f"{item['unknowns']:,} unknowns".replace(",", " ") in line

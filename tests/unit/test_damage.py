@@ -62,9 +62,8 @@ def digit(path: Path) -> None:
 
 WAYS = {"cut": cut, "flip": flip, "swap": swap, "append": append, "digit": digit, "delete": Path.unlink}
 STEADY = [
-    *("result.json", "scene.toml", "case.edp", "mesh.bin", "newton.csv"),
-    *("point-0001.bin", "point-0001.json"),
-]
+    *("result.json", "scene.toml", "case.edp", "mesh.bin", "newton.csv"), *("point-0001.bin", "point-0001.json"),
+]  # fmt: skip
 IN_TIME = [
     *("history.csv", "steps.csv", "state-000019.bin", "state-000040.bin", "checkpoint-a.bin"),
     *("checkpoint-b.bin", "manifest.json", "newton.csv", "result.json", "point-0001.json", "stop"),
@@ -78,8 +77,6 @@ SWEEP = [
 
 @pytest.fixture
 def copy_of(tmp_path):
-    """Copy a folder that is made once."""
-
     def copied(whole: Path) -> Path:
         shutil.copytree(whole, tmp_path / "copy")
         return tmp_path / "copy"
@@ -92,8 +89,6 @@ _made: dict[str, Path] = {}
 
 @pytest.fixture
 def made(tmp_path_factory):
-    """Make a folder unless an earlier test has."""
-
     def made(name, make):
         if name not in _made:
             _made[name] = tmp_path_factory.mktemp("whole") / name
@@ -111,8 +106,7 @@ def refused_by_check(capsys, directory: Path) -> bool:
 
 def test_what_is_whole_passes(capsys, tmp_path, freefem, made, copy_of):
     directory = copy_of(made("steady", lambda path: one_scene.solve(SCENE, path)))
-    assert load_result(directory).checked
-    assert not refused_by_check(capsys, directory)
+    assert load_result(directory).checked and not refused_by_check(capsys, directory)
     swept = made("sweep", lambda path: sweep.sweep(SCENE, VALUES, path))
     assert not refused_by_check(capsys, swept)
     write_report([directory, swept], tmp_path / "report.html")
@@ -230,8 +224,7 @@ def test_what_a_script_has_written_to_its_end_is_read_only_if_it_is_whole(in_tim
         with pytest.raises(InputError, match="was changed after it was written"):
             ffsi.resume(directory)
     else:
-        assert ffsi.resume(directory).converged
-        assert in_time.first_steps == [41]
+        assert ffsi.resume(directory).converged and in_time.first_steps == [41]
 
 
 @pytest.fixture(autouse=True)
@@ -257,8 +250,7 @@ def test_a_damaged_sweep_is_noticed_and_mended(capsys, tmp_path, freefem, made, 
         with pytest.raises(InputError):
             sweep.sweep(SCENE, VALUES, directory)
         return
-    after = sweep.sweep(SCENE, VALUES, directory)
-    told = ["drag", "status", "checked"]
+    after, told = sweep.sweep(SCENE, VALUES, directory), ["drag", "status", "checked"]
     assert after[told].to_numpy().tolist() == before[told].to_numpy().tolist()
     mended = [] if name == "sweep.csv" or "result" in name else [0.02] if "0002" in name else [0.01, 0.02, 0.03]
     assert freefem.solved == mended or (name.endswith("newton.csv") and way == "append" and freefem.solved == [0.03])

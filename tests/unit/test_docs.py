@@ -18,7 +18,6 @@ LINK = re.compile(r"\]\(([^)\s]+)\)")
 
 
 def anchors(page: Path) -> set[str]:
-    """Return the anchors of a page's headings, as GitHub and MkDocs make them."""
     headings = re.findall(r"^#+ (.*)$", page.read_text(encoding="utf-8"), re.MULTILINE)
     return {re.sub(r"[^\w\- ]", "", heading.lower()).strip().replace(" ", "-") for heading in headings}
 
@@ -40,25 +39,16 @@ def test_no_link_is_dead(page):
     assert not dead_links(page)
 
 
-def test_a_dead_link_is_seen(tmp_path):
+def test_pages_links_and_keys(tmp_path):
     page = tmp_path / "page.md"
     page.write_text("# One two\n[a](#one-two) [b](#three) [c](none.md) [d](page.md#one-two) [e](https://example.org)")
     assert dead_links(page) == ["#three", "none.md"]
-
-
-def test_every_page_is_in_the_index_and_in_the_site():
     pages = {page.name for page in (ROOT / "docs").glob("*.md")}
     index = (ROOT / "docs/index.md").read_text(encoding="utf-8")
     assert pages == {*re.findall(r"\]\((\w+\.md)\)", index), "index.md"}
     assert pages == set(re.findall(r"^  - (\w+\.md)$", (ROOT / "mkdocs.yml").read_text(), re.MULTILINE))
-
-
-def test_the_readme_is_short():
     assert len((ROOT / "README.md").read_text(encoding="utf-8").splitlines()) <= 150
-
-
-def test_the_page_of_the_scene_has_the_keys_of_the_models():
-    """`make keys` writes them."""
+    # `make keys` writes them.
     page = (ROOT / "docs/scene.md").read_text(encoding="utf-8")
     assert page.partition("<!-- keys:begin -->\n")[2] == markdown()
 
@@ -81,10 +71,9 @@ def test_a_key_says_what_is_accepted():
     assert not [item for item in scene_keys() if not item.meaning or not item.type]
 
 
-@pytest.mark.parametrize(
-    ("pattern", "first", "count"),
-    [("outlet", "outlet.kind", 16), ("*velocity", "inflow.mean_velocity", 4), ("solid.flap.c10", "solid.NAME.c10", 1)],
-)
+@pytest.mark.parametrize(("pattern", "first", "count"), [
+    ("outlet", "outlet.kind", 16), ("*velocity", "inflow.mean_velocity", 4), ("solid.flap.c10", "solid.NAME.c10", 1),
+])  # fmt: skip
 def test_the_command_lists_a_table_or_a_pattern(pattern, first, count, capsys):
     with pytest.raises(SystemExit) as ended:
         main(["keys", pattern, "--json"])
@@ -92,21 +81,17 @@ def test_the_command_lists_a_table_or_a_pattern(pattern, first, count, capsys):
     assert (ended.value.code, found[0]["key"], len(found)) == (0, first, count)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["fluid.densty"], "no key is 'fluid.densty' (did you mean \"fluid.density\"?)"),
-        (["turek-fsi1", "peak"], "no key of turek-fsi1 is 'peak' (did you mean \"inflow.peak_velocity\", "),
-        (["_velocity"], '(did you mean "inflow.mean_velocity", "inflow.peak_velocity", '),
-        (["xyz"], "no key is 'xyz'"),
-        (["fluid", "--markdown"], "--markdown prints all keys: give no CASE, no PATTERN and no --json"),
-    ],
-)
+@pytest.mark.parametrize(("arguments", "message"), [
+    (["fluid.densty"], "no key is 'fluid.densty' (did you mean \"fluid.density\"?)"),
+    (["turek-fsi1", "peak"], "no key of turek-fsi1 is 'peak' (did you mean \"inflow.peak_velocity\", "),
+    (["_velocity"], '(did you mean "inflow.mean_velocity", "inflow.peak_velocity", '),
+    (["xyz"], "no key is 'xyz'"),
+    (["fluid", "--markdown"], "--markdown prints all keys: give no CASE, no PATTERN and no --json"),
+])  # fmt: skip
 def test_the_command_refuses_what_it_does_not_know(arguments, message, capsys):
     with pytest.raises(SystemExit) as ended:
         main(["keys", *arguments])
-    assert ended.value.code == 2
-    assert message in " ".join(capsys.readouterr().err.split())
+    assert ended.value.code == 2 and message in " ".join(capsys.readouterr().err.split())
 
 
 # What the README says of a case on a level: the largest error of these quantities, in per cent.
@@ -124,15 +109,13 @@ def test_the_readme_tells_the_errors_that_were_measured(case, level, quantities,
         (row,) = [row for row in csv.DictReader(file) if (row["case"], row["level"]) == (case, str(level))]
     assert max(100 * abs(float(row[f"{quantity}_error"])) for quantity in quantities) < claim
     (line,) = [
-        line
-        for line in (ROOT / "README.md").read_text(encoding="utf-8").splitlines()
+        line for line in (ROOT / "README.md").read_text(encoding="utf-8").splitlines()
         if f"`ffsi run {case} --set mesh.level={level}`" in line
-    ]
-    assert f"within {claim} %" in line
-    assert f"{int(row['unknowns']):,} unknowns".replace(",", " ") in line
+    ]  # fmt: skip
+    assert f"within {claim} %" in line and f"{int(row['unknowns']):,} unknowns".replace(",", " ") in line
 
 
-def test_the_walk_of_contributing_is_true():
+def test_the_walk_of_contributing_and_the_citation_are_true():
     """Every file that it names is there, and holds the names that stand beside it."""
     page = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
     section = re.search(r"^## A walk.*?(?=^## )", page, re.DOTALL | re.MULTILINE).group(0)
@@ -145,9 +128,6 @@ def test_the_walk_of_contributing_is_true():
         for word in set(words) - set(files) - {"result.json"}:
             name = word.removeprefix("-").replace("_", "[_.]") if word.startswith("-") else re.escape(word)
             assert any(re.search(name, text) for text in texts), (step, word)
-
-
-def test_the_citation_has_the_version_of_the_program():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
     assert f"\nversion: {project['version']}\n" in citation

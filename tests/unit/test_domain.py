@@ -26,21 +26,14 @@ def test_every_case_says_what_it_is_computed_on(case) -> None:
     assert ({"inlet", "outlet"} <= roles) == (scene.fluid is not None)
 
 
-def test_what_was_meshed() -> None:
+def test_what_was_meshed_and_its_parts(tmp_path) -> None:
     """The structured mesh of 2.5 x 0.4 has a column of solid in its lower half, and only its bottom has a label (3)."""
     found = meshed(load_scene("flap-svk"), structured_mesh())
     assert found["regions"] == pytest.approx({"fluid": 0.95, "flap": 0.05})
     assert found["boundaries"]["walls"] == {"role": "no-slip", "length": pytest.approx(2.5)}
     assert found["boundaries"]["root"] == {"role": "clamped", "length": 0.0}
-    assert words(found)[0] == "regions: fluid 0.95 m², flap 0.05 m²"
-    assert "walls (no-slip) 2.5 m" in words(found)[1]
-
-
-def test_a_solid_alone_has_the_second_number() -> None:
+    assert words(found)[0] == "regions: fluid 0.95 m², flap 0.05 m²" and "walls (no-slip) 2.5 m" in words(found)[1]
     assert meshed(load_scene("cantilever"), structured_mesh())["regions"] == pytest.approx({"beam": 0.05})
-
-
-def test_a_part_with_the_name_of_another_boundary(tmp_path) -> None:
     write_scene(tmp_path)
     table = scene_table(parts={"free": "interface", "walls": "inner"})
     (tmp_path / "scene.toml").write_text(tomli_w.dumps(table))

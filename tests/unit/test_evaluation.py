@@ -14,7 +14,7 @@ from ffsi.files.errors import InputError
 from ffsi.hemodynamics.result import Result, load_result
 from ffsi.hemodynamics.state import WallState
 from ffsi.result.evaluation import Notes, attempt, gather
-from ffsi.result.in_time import _quantities
+from ffsi.result.in_time import _quantities, energy_balance
 from ffsi.run import one_scene
 from ffsi.scene import load_scene
 
@@ -31,20 +31,13 @@ def fails(text: str = "no such thing") -> Callable[..., None]:
 def test_a_failing_evaluation_is_noted_once_and_the_others_stay() -> None:
     notes: Notes = []
     found = gather(notes, {"one": lambda: {"a": 1.0}, "two": fails("broken\n  twice"), "three": lambda: {"b": np.inf}})
-    assert found == {"a": 1.0, "b": np.inf}
-    assert attempt(notes, "two", fails("broken twice")) is None
+    assert found == {"a": 1.0, "b": np.inf} and attempt(notes, "two", fails("broken twice")) is None
     assert notes == [{"what": "two", "why": "broken twice"}]
-
-
-def test_what_is_no_number_is_no_value() -> None:
     notes: Notes = []
     field = np.array([1.0, np.nan])  # a gap of a field
     found = gather(notes, {"part": lambda: {"a": np.float64("nan"), "b": 2.0}, "field": lambda: {"c": field}})
-    assert found == {"b": 2.0, "c": field}
-    assert notes == [{"what": "a", "why": "it is not a number"}]
+    assert found == {"b": 2.0, "c": field} and notes == [{"what": "a", "why": "it is not a number"}]
 
-
-def test_an_interrupt_is_no_failure() -> None:
     def interrupted() -> None:
         raise KeyboardInterrupt
 
@@ -53,8 +46,7 @@ def test_an_interrupt_is_no_failure() -> None:
 
 
 def test_a_run_keeps_what_can_be_evaluated(tmp_path, freefem: FakeFreeFEM, check: FakeCheck, monkeypatch) -> None:
-    draw = Result.picture
-    broken = fails("no ink")
+    draw, broken = Result.picture, fails("no ink")
     monkeypatch.setattr(Result, "picture", lambda self, name: broken() if name == "velocity" else draw(self, name))
     monkeypatch.setattr("ffsi.result.vtu.write_vtu", fails())
     result = one_scene.solve(load_scene("flap-svk", ["mesh.level=0"]), tmp_path / "run")
@@ -94,8 +86,7 @@ def test_an_animation_that_fails_is_noted(tmp_path, capsys, in_time: FakeTimeFre
     (tmp_path / "scene.toml").write_text(scene_in_time().to_toml())
     with pytest.raises(SystemExit) as stopped:
         main(["run", str(tmp_path / "scene.toml"), "--out", str(tmp_path / "run"), "--animate", "velocity"])
-    assert stopped.value.code == 1
-    assert "not evaluated: velocity.gif: no film" in capsys.readouterr().err
+    assert stopped.value.code == 1 and "not evaluated: velocity.gif: no film" in capsys.readouterr().err
     assert load_result(tmp_path / "run").not_evaluated == [{"what": "velocity.gif", "why": "no film"}]
 
 
@@ -128,3 +119,17 @@ def test_bad_input_before_a_run_is_none_of_this(tmp_path, freefem: FakeFreeFEM) 
     (tmp_path / "file").write_text("x")
     with pytest.raises(InputError):
         one_scene.solve(load_scene("flap-svk", ["mesh.level=0"]), tmp_path / "file")
+
+
+def energies(work: float) -> pd.DataFrame:
+    rows = {"time": [0.1, 0.2], "kinetic": [1.0, 2.0], "elastic": [0.5, 1.0], "dissipated": [0.1, 0.5]}
+    return pd.DataFrame(rows | {"work": [1.6, work]})
+
+
+def test_energy_has_the_parts_of_the_last_state_and_what_is_left():
+    found = energy_balance(energies(4.0))
+    assert found == {"kinetic": 2.0, "elastic": 1.0, "dissipated": 0.5, "work": 4.0, "imbalance": pytest.approx(-0.125)}
+    assert energy_balance(energies(3.5))["imbalance"] == 0.0
+    assert (
+        energy_balance(energies(4.0).drop(columns="work")) == {} and energy_balance(energies(4.0).iloc[:0]) == {}
+    )  # fmt: skip

@@ -30,30 +30,23 @@ def call(capsys, *arguments: str) -> tuple[int, str, str]:
     return int(stopped.value.code or 0), out, err
 
 
-# Streams --------------------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("words", "code", "said"),
-    [
-        ("cases >&-", 4, "standard output: closed"),
-        ("cases > /dev/full", 4, "standard output: No space left on device"),
-        ("--version > /dev/full", 4, "standard output: No space left on device"),
-        ("cases | head -1 >&2", 0, "case"),
-        ("run x 2> /dev/full", 2, ""),
-        ("run x >&- 2>&-", 2, ""),
-        ("cases <&- > /dev/null", 0, ""),
-        ("cases | cat > /dev/null", 0, ""),
-    ],
-)
+@pytest.mark.parametrize(("words", "code", "said"), [
+    ("cases >&-", 4, "standard output: closed"),
+    ("cases > /dev/full", 4, "standard output: No space left on device"),
+    ("--version > /dev/full", 4, "standard output: No space left on device"),
+    ("cases | head -1 >&2", 0, "case"),
+    ("run x 2> /dev/full", 2, ""),
+    ("run x >&- 2>&-", 2, ""),
+    ("cases <&- > /dev/null", 0, ""),
+    ("cases | cat > /dev/null", 0, ""),
+])  # fmt: skip
 def test_a_stream_that_fails_changes_nothing_but_a_good_end(words, code, said):
     command = f"set -o pipefail; {sys.executable} -m ffsi {words}"
     source = str(Path(folder.__file__).parents[2])
     environment = {**os.environ, "PYTHONPATH": source, "PYTHONIOENCODING": "ascii"}
     done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, env=environment, timeout=60)
     assert done.returncode == code, done.stderr
-    assert said in done.stderr
-    assert "Traceback" not in done.stderr and "Exception ignored" not in done.stderr
+    assert said in done.stderr and "Traceback" not in done.stderr and "Exception ignored" not in done.stderr
 
 
 def test_a_verdict_is_not_lost_with_its_words(capsys, monkeypatch, freefem, check):
@@ -83,19 +76,10 @@ def test_a_machine_that_cannot_load_the_libraries_gets_a_message(kilobytes, word
     assert done.stderr.splitlines()[-1].startswith(("error: ffsi cannot be loaded: ", "error: the memory ended"))
 
 
-# Disks and limits -----------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("number", "words"),
-    [
-        (errno.ENOSPC, "the disk is full"),
-        (errno.EFBIG, "ulimit -f"),
-        (errno.EDQUOT, "quota"),
-        (errno.EMFILE, "ulimit -n"),
-        (errno.EACCES, "Permission denied"),
-    ],
-)
+@pytest.mark.parametrize(("number", "words"), [
+    (errno.ENOSPC, "the disk is full"), (errno.EFBIG, "ulimit -f"), (errno.EDQUOT, "quota"),
+    (errno.EMFILE, "ulimit -n"), (errno.EACCES, "Permission denied"),
+])  # fmt: skip
 @pytest.mark.parametrize("command", ["run", "sweep"])
 def test_what_cannot_be_written_during_a_run_is_no_bad_input(
     capsys, monkeypatch, freefem, check, number, words, command
@@ -133,8 +117,7 @@ def test_a_write_that_fails_names_its_file_and_leaves_no_part(tmp_path):
     (tmp_path / "x").mkdir()
     with pytest.raises(OSError) as caught:
         folder.write_text(tmp_path / "x", "text")  # a file cannot replace a folder
-    assert caught.value.filename == str(tmp_path / "x")
-    assert [path.name for path in tmp_path.iterdir()] == ["x"]
+    assert caught.value.filename == str(tmp_path / "x") and [path.name for path in tmp_path.iterdir()] == ["x"]
     with pytest.raises(OSError) as caught, machine.writing(Path("/dev/full")), Path("/dev/full").open("w") as file:
         file.write("x" * 100_000)
     assert machine.words(caught.value) == "/dev/full: the disk is full (No space left on device)"
@@ -153,39 +136,29 @@ def test_a_folder_that_cannot_be_written_is_bad_input_before_anything_starts(cap
         code, _, err = call(capsys, command, "flap-svk", *LEVEL, *more, "--out", out)
         assert (code, said in err) == (2, True), err
         assert len(err) < 1000
-    assert sorted(path.name for path in Path().iterdir()) == ["file", "locked"]
-    assert freefem.solved == []
+    assert sorted(path.name for path in Path().iterdir()) == ["file", "locked"] and freefem.solved == []
 
 
-# Faults of ffsi -------------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("error", "code", "said"),
-    [
-        (KeyError("a\x1b[31m"), 70, "a fault of ffsi itself: KeyError"),
-        (AssertionError("no"), 70, "please report it"),
-        (RecursionError("deep"), 70, "a fault of ffsi itself"),
-        (MemoryError(), 4, "the memory ended"),
-        (OSError(errno.ENOSPC, "No space left on device", "a\nb"), 4, "a?b: the disk is full"),
-        (FileNotFoundError(errno.ENOENT, "No such file or directory", "a"), 2, "a: No such file"),
-        (KeyboardInterrupt(), 130, ""),
-    ],
-)
+@pytest.mark.parametrize(("error", "code", "said"), [
+    (KeyError("a\x1b[31m"), 70, "a fault of ffsi itself: KeyError"),
+    (AssertionError("no"), 70, "please report it"),
+    (RecursionError("deep"), 70, "a fault of ffsi itself"),
+    (MemoryError(), 4, "the memory ended"),
+    (OSError(errno.ENOSPC, "No space left on device", "a\nb"), 4, "a?b: the disk is full"),
+    (FileNotFoundError(errno.ENOENT, "No such file or directory", "a"), 2, "a: No such file"),
+    (KeyboardInterrupt(), 130, ""),
+])  # fmt: skip
 def test_an_error_that_nobody_expected_never_ends_with_1(capsys, monkeypatch, error, code, said):
     def fail(*_):
         raise error
 
     monkeypatch.setattr("ffsi.scene.load_scene", fail)
     found, out, err = call(capsys, "render", "cook")
-    assert (found, out) == (code, "")
-    assert said in err
-    assert "Traceback" not in err and "\x1b" not in err
+    assert (found, out) == (code, "") and said in err and "Traceback" not in err and "\x1b" not in err
     faults = list(Path().glob("ffsi-fault-*.txt"))
     assert len(faults) == (code == 70)
     if faults:
-        assert "Traceback" in faults[0].read_text()
-        assert str(faults[0].name) in err
+        assert "Traceback" in faults[0].read_text() and str(faults[0].name) in err
 
 
 def test_the_version_is_told(capsys):
@@ -209,6 +182,5 @@ def test_a_machine_that_fails_an_evaluation_or_the_check_is_no_failed_check(caps
     assert Path("a/result.json").is_file()
     monkeypatch.setattr("ffsi.reference.check_run", fail)
     code, _, err = call(capsys, "run", "flap-svk", *LEVEL, "--out", "b")
-    assert code == 4
-    assert "the reference check could not be done: " + machine.words(error) in err
+    assert code == 4 and "the reference check could not be done: " + machine.words(error) in err
     assert Path("b/result.json").is_file()

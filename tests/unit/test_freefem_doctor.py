@@ -11,8 +11,6 @@ def install(tmp_path, plugins=("MUMPS_seq", "Element_QF", "lapack", "bfstream"))
 
 @pytest.fixture
 def works(monkeypatch, tmp_path):
-    """A FreeFEM that loads everything and solves exactly."""
-
     def run(script, *, on_event=None, **options):
         if on_event is not None:
             on_event(Event("solve", {"error": 1e-15}))
@@ -28,8 +26,7 @@ def by_name(checks):
 
 def test_all_is_well(works):
     checks = doctor.diagnose()
-    assert doctor.healthy(checks)
-    assert by_name(checks)["MUMPS solve"].status == "ok"
+    assert doctor.healthy(checks) and by_name(checks)["MUMPS solve"].status == "ok"
     assert {"Python", "FreeFEM", "plugin folder", "idp folder", "BLAS", "temporary folder"} <= set(by_name(checks))
 
 
@@ -41,17 +38,14 @@ def test_without_freefem(monkeypatch):
     checks = doctor.diagnose()
     assert not doctor.healthy(checks)
     found = by_name(checks)["FreeFEM"]
-    assert (found.status, found.detail) == ("fail", "no FreeFem++-nw")
-    assert "libfreefem++" in found.advice
+    assert (found.status, found.detail) == ("fail", "no FreeFem++-nw") and "libfreefem++" in found.advice
 
 
 def test_without_mumps_it_is_a_warning(works, monkeypatch, tmp_path):
     monkeypatch.setattr(doctor, "find_freefem", lambda: install(tmp_path, ("Element_QF", "lapack", "bfstream")))
     checks = doctor.diagnose()
-    assert doctor.healthy(checks)
-    assert by_name(checks)["plugin MUMPS_seq"].status == "warn"
-    assert "UMFPACK" in by_name(checks)["plugin MUMPS_seq"].advice
-    assert "MUMPS solve" not in by_name(checks)
+    assert doctor.healthy(checks) and by_name(checks)["plugin MUMPS_seq"].status == "warn"
+    assert "UMFPACK" in by_name(checks)["plugin MUMPS_seq"].advice and "MUMPS solve" not in by_name(checks)
 
 
 def test_a_plugin_that_does_not_load_fails(works, monkeypatch):
@@ -61,8 +55,7 @@ def test_a_plugin_that_does_not_load_fails(works, monkeypatch):
 
     monkeypatch.setattr(doctor, "run_script", run)
     checks = by_name(doctor.diagnose())
-    assert checks["plugin bfstream"].status == "fail"
-    assert "undefined symbol" in checks["plugin bfstream"].detail
+    assert checks["plugin bfstream"].status == "fail" and "undefined symbol" in checks["plugin bfstream"].detail
     assert checks["plugin Element_QF"].status == "ok"
 
 

@@ -158,56 +158,34 @@ CASES = [
 @pytest.mark.parametrize(("kind", "code", "output", "text", "line"), CASES)
 def test_recorded_outputs(kind, code, output, text, line, tmp_path):
     error = explain(Ending(code, output.splitlines()), tmp_path / "case.edp")
-    assert error.kind == kind
-    assert error.script_line == line
-    assert text in str(error)
+    assert error.kind == kind and error.script_line == line and text in str(error)
 
 
-def test_source_line_comes_from_the_script(tmp_path):
+def test_source_lines_come_from_script_or_included_file(tmp_path):
     script = tmp_path / "undef.edp"
     script.write_text("int a = 1;\n\n\n   int b = foo(a);\n")
     error = explain(Ending(1, IDENTIFIER.splitlines()), script, tmp_path / "freefem.log")
     assert error.source_line == "int b = foo(a);"
     assert str(error).splitlines() == [
-        "FreeFEM, syntax: the identifier foo does not exist",
-        "  line 4: int b = foo(a);",
+        "FreeFEM, syntax: the identifier foo does not exist", "  line 4: int b = foo(a);",
         f"  log: {tmp_path / 'freefem.log'}",
-    ]
-
-
-def test_source_line_comes_from_an_included_file(tmp_path):
+    ]  # fmt: skip
+    script.write_text("one line\n")
+    assert explain(Ending(1, IDENTIFIER.splitlines()), script).source_line == ""
     script = tmp_path / "case.edp"
     script.write_text('include "undef.edp"\n')
     (tmp_path / "undef.edp").write_text("a\nb\nc\nd foo\n")
     error = explain(Ending(1, IDENTIFIER.splitlines()), script)
-    assert error.source_line == "d foo"
-    assert "in the included file undef.edp" in error.message
+    assert error.source_line == "d foo" and "in the included file undef.edp" in error.message
 
 
-def test_a_line_beyond_the_script_is_no_problem(tmp_path):
-    script = tmp_path / "undef.edp"
-    script.write_text("one line\n")
-    assert explain(Ending(1, IDENTIFIER.splitlines()), script).source_line == ""
-
-
-def test_bad_input_is_the_scripts_own_word():
+def test_what_a_script_said_and_why_it_died():
     error = explain(Ending(2, ["exit(2);"], bad_input="unknown parameter -x"), Path("case.edp"))
     assert (error.kind, error.message, error.script_line) == ("bad-input", "unknown parameter -x", 0)
-
-
-def test_sigkill_with_memory_evidence():
     error = explain(Ending(-9, memory_evidence="it used 15.9 of 16.0 GiB"), Path("case.edp"))
-    assert error.kind == "out-of-memory"
-    assert "15.9 of 16.0 GiB" in error.message
-
-
-def test_what_the_script_said_before_it_died_is_kept():
+    assert error.kind == "out-of-memory" and "15.9 of 16.0 GiB" in error.message
     error = explain(Ending(-11, failed="J fell below zero"), Path("case.edp"))
-    assert error.kind == "crash"
-    assert "J fell below zero" in error.message
-
-
-def test_position_of_an_execution_error():
+    assert error.kind == "crash" and "J fell below zero" in error.message
     assert script_position(Ending(8, ASSERT.splitlines())) == (4, None)
 
 

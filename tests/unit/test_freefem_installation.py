@@ -44,26 +44,19 @@ def test_finds_debians_layout(machine, binary):
     idp.mkdir(parents=True)
     (idp / "getARGV.idp").touch()
     found = find_freefem()
-    assert found.binary == binary
-    assert found.version == "4.9"
-    assert found.plugin_folder == folder
-    assert found.load_path == f"{folder};;"
-    assert found.include_path == f"{idp};;"
-    assert found.plugins == set(PLUGINS)
-    assert found.has_mumps
-    assert found.solver == "MUMPS"
+    assert found.binary == binary and found.version == "4.9" and found.plugin_folder == folder
+    assert found.load_path == f"{folder};;" and found.include_path == f"{idp};;" and found.plugins == set(PLUGINS)
+    assert found.has_mumps and found.solver == "MUMPS"
 
 
 def test_folders_beside_the_binary_win_over_those_of_packages(machine, binary):
     plugins(machine / "usr/lib/x86_64-linux-gnu/freefem++")
     own = executable(machine / "own/bin/FreeFem++-nw", "echo FreeFem++ v4.15")
-    folder = plugins(machine / "own/lib/ff++/4.15/lib")
-    link = machine / "usr/bin/FreeFem++-nw"
+    folder, link = plugins(machine / "own/lib/ff++/4.15/lib"), machine / "usr/bin/FreeFem++-nw"
     link.unlink()
     link.symlink_to(own)
     found = find_freefem()
-    assert found.plugin_folder == folder
-    assert found.version == "4.15"
+    assert found.plugin_folder == folder and found.version == "4.15"
 
 
 def test_a_folder_with_more_plugins_wins(machine, binary):
@@ -73,21 +66,16 @@ def test_a_folder_with_more_plugins_wins(machine, binary):
     assert find_freefem().plugin_folder == complete
 
 
-def test_the_users_variables_are_taken_as_they_are(machine, binary, monkeypatch):
+def test_variables_of_the_user_are_taken_as_they_are(machine, binary, monkeypatch):
     plugins(machine / "usr/lib/x86_64-linux-gnu/freefem++")
     mine = plugins(machine / "mine")
     monkeypatch.setenv("FF_LOADPATH", f"{machine}/nothing;{mine};;")
     monkeypatch.setenv("FF_INCLUDEPATH", "/my/idp;;")
     found = find_freefem()
-    assert found.load_path == f"{machine}/nothing;{mine};;"
-    assert found.include_path == "/my/idp;;"
+    assert found.load_path == f"{machine}/nothing;{mine};;" and found.include_path == "/my/idp;;"
     assert found.plugin_folder == mine
     environment = found.environment()
-    assert environment["FF_LOADPATH"] == found.load_path
-    assert environment["OPENBLAS_NUM_THREADS"] == "1"
-
-
-def test_a_load_path_without_the_plugins_is_named(machine, binary, monkeypatch):
+    assert environment["FF_LOADPATH"] == found.load_path and environment["OPENBLAS_NUM_THREADS"] == "1"
     plugins(machine / "usr/lib/x/freefem++")
     monkeypatch.setenv("FF_LOADPATH", "/no/such;;")
     with pytest.raises(FreeFEMNotFound, match="FF_LOADPATH='/no/such;;'") as caught:
@@ -95,15 +83,12 @@ def test_a_load_path_without_the_plugins_is_named(machine, binary, monkeypatch):
     assert caught.value.kind == "missing-plugin"
 
 
-def test_the_named_binary_wins_over_the_path(machine, binary, monkeypatch):
+def test_binaries_that_are_named(machine, binary, monkeypatch):
     plugins(machine / "usr/lib/x/freefem++")
     other = executable(machine / "other/ff", "echo FreeFem++ v4.13")
     monkeypatch.setenv("FFSI_FREEFEM", str(other))
     found = find_freefem()
     assert (found.binary, found.version) == (other, "4.13")
-
-
-def test_a_named_binary_that_is_absent_is_an_error(machine, binary, monkeypatch):
     monkeypatch.setenv("FFSI_FREEFEM", "/no/such/ff")
     with pytest.raises(FreeFEMNotFound, match="FFSI_FREEFEM=/no/such/ff"):
         find_freefem()
@@ -112,8 +97,7 @@ def test_a_named_binary_that_is_absent_is_an_error(machine, binary, monkeypatch)
 def test_a_machine_without_freefem_is_told_what_to_install(machine):
     with pytest.raises(FreeFEMNotFound) as caught:
         find_freefem()
-    assert isinstance(caught.value, FreeFEMError)
-    assert caught.value.kind == "missing-binary"
+    assert isinstance(caught.value, FreeFEMError) and caught.value.kind == "missing-binary"
     for package in ("freefem++ ", "libfreefem++ ", "libfreefem++-dev", "libopenblas0-pthread"):
         assert package in str(caught.value)
 
@@ -124,13 +108,10 @@ def test_the_graphical_binary_will_do(machine):
     assert find_freefem().binary == other
 
 
-def test_no_plugins_at_all(machine, binary):
+def test_what_is_missing_is_named(machine, binary):
     with pytest.raises(FreeFEMNotFound, match=r"Element_QF\.so.*were not found") as caught:
         find_freefem()
     assert caught.value.kind == "missing-plugin"
-
-
-def test_a_missing_required_plugin_is_named(machine, binary):
     plugins(machine / "usr/lib/x/freefem++", ("MUMPS_seq", "Element_QF", "lapack"))
     with pytest.raises(FreeFEMNotFound, match=r"holds no bfstream\.so\.") as caught:
         find_freefem()
@@ -140,8 +121,7 @@ def test_a_missing_required_plugin_is_named(machine, binary):
 def test_without_mumps_umfpack_and_a_warning(machine, binary, caplog):
     plugins(machine / "usr/lib/x/freefem++", ("Element_QF", "lapack", "bfstream"))
     found = find_freefem()
-    assert not found.has_mumps
-    assert found.solver == "UMFPACK"
+    assert not found.has_mumps and found.solver == "UMFPACK"
     assert "MUMPS_seq" in caplog.text
 
 

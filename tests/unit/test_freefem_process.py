@@ -53,28 +53,22 @@ def wait_until(condition, seconds=5.0):
         time.sleep(0.01)
 
 
-def test_a_complete_run(fake, tmp_path):
+def test_a_complete_run_with_its_command_environment_and_folder(fake, tmp_path):
     events = []
     text = f"""echo '@ffsi start case=x'; echo noise; echo '@ffsi point point=1 points=2 status=converged'
     echo '@ffsi warning text=slow going'; echo '@ffsi point point=2 points=2 status=failed'; {END}"""
     done = run(fake, tmp_path, text, on_event=events.append)
-    assert (done.status, done.exit_code, done.reason) == ("converged", 0, "")
-    assert done.warnings == ("slow going",)
+    assert (done.status, done.exit_code, done.reason) == ("converged", 0, "") and done.warnings == ("slow going",)
     assert done.points == {1: "converged", 2: "failed"}
     assert [event.kind for event in events] == ["start", "point", "warning", "point", "end"]
     assert (tmp_path / "freefem.log").read_text().splitlines()[1] == "noise"
-    assert done.peak_memory >= 0
-    assert 0 < done.seconds < 5
-
-
-def test_command_environment_and_folder(fake, tmp_path):
+    assert done.peak_memory >= 0 and 0 < done.seconds < 5
     (tmp_path / "sub").mkdir()
     text = f'echo "$@"; echo "$FF_LOADPATH $FF_INCLUDEPATH $OPENBLAS_NUM_THREADS $OMP_NUM_THREADS"; pwd; {END}'
     run(fake, tmp_path, text, arguments={"mesh_level": 2, "x": 0.1}, cwd=tmp_path / "sub")
     first, second, third, _ = (tmp_path / "freefem.log").read_text().splitlines()
     assert first == f"-nw -ns -v 0 {tmp_path / 'case.edp'} -mesh_level 2 -x 0.1"
-    assert second == "/plugins;; /idp;; 1 1"
-    assert third == str(tmp_path / "sub")
+    assert second == "/plugins;; /idp;; 1 1" and third == str(tmp_path / "sub")
 
 
 def test_paths_below_the_folder_are_handed_over_relative_to_it(fake, tmp_path):
@@ -91,46 +85,22 @@ def test_paths_below_the_folder_are_handed_over_relative_to_it(fake, tmp_path):
         run_script(deep / "case.edp", given, installation=installation, cwd=tmp_path, log=tmp_path / "log")
 
 
-def test_not_converged_is_a_result(fake, tmp_path):
+def test_a_run_is_complete_by_its_marker_and_code(fake, tmp_path):
     text = "echo '@ffsi failed point=3 text=no step left'; echo '@ffsi end status=failed'; exit 3"
     done = run(fake, tmp_path, text)
     assert (done.status, done.exit_code, done.reason) == ("failed", 3, "no step left")
-
-
-def test_exit_code_3_beats_a_marker_that_says_converged(fake, tmp_path):
     assert run(fake, tmp_path, f"{END}; exit 3").status == "failed"
-
-
-def test_exit_code_0_without_the_marker_is_an_error(fake, tmp_path):
     with pytest.raises(FreeFEMError, match="without its end marker") as caught:
         run(fake, tmp_path, "echo '@ffsi point point=1 status=converged'")
-    assert caught.value.kind == "crash"
-    assert caught.value.log == tmp_path / "freefem.log"
-
-
-def test_a_marker_that_is_cut_off_does_not_count(fake, tmp_path):
+    assert caught.value.kind == "crash" and caught.value.log == tmp_path / "freefem.log"
     with pytest.raises(FreeFEMError):
         run(fake, tmp_path, "printf '@ffsi en'")
-
-
-def test_a_marker_without_a_newline_counts(fake, tmp_path):
     assert run(fake, tmp_path, "printf '@ffsi end status=converged'").status == "converged"
-
-
-def test_an_error_after_the_marker_is_an_error(fake, tmp_path):
     with pytest.raises(FreeFEMError) as caught:
         run(fake, tmp_path, f"{END}; echo '  current line = 1'; echo 'Exec error : exec assert'; exit 8")
-    assert caught.value.kind == "assert"
-    assert caught.value.source_line == "int a = 1;"
-
-
-def test_a_crash_in_the_shutdown_is_a_warning(fake, tmp_path):
+    assert caught.value.kind == "assert" and caught.value.source_line == "int a = 1;"
     done = run(fake, tmp_path, f"{END}; kill -SEGV $$")
-    assert done.status == "converged"
-    assert "signal 11" in done.warnings[0]
-
-
-def test_bad_input(fake, tmp_path):
+    assert done.status == "converged" and "signal 11" in done.warnings[0]
     with pytest.raises(FreeFEMError) as caught:
         run(fake, tmp_path, "echo '@ffsi bad-input text=no parameter speed'; exit 2")
     assert (caught.value.kind, caught.value.message) == ("bad-input", "no parameter speed")
@@ -160,36 +130,27 @@ def test_time_limit_kills_the_whole_group(fake, tmp_path):
     with pytest.raises(FreeFEMError, match=r"time limit of 0\.3 s") as caught:
         run(fake, tmp_path, text, time_limit=0.3)
     assert time.monotonic() - start < 3
-    assert caught.value.kind == "time-limit"
-    assert "newton point=1 iteration=4" in caught.value.message
+    assert caught.value.kind == "time-limit" and "newton point=1 iteration=4" in caught.value.message
     wait_until(lambda: not is_alive(int((tmp_path / "pid").read_text())))
 
 
-def test_time_limit_holds_for_a_process_that_never_stops_printing(fake, tmp_path):
+def test_the_time_limit_holds_whatever_a_process_does(fake, tmp_path):
     with pytest.raises(FreeFEMError) as caught:
         run(fake, tmp_path, "while true; do echo noise; done", time_limit=0.3)
     assert caught.value.kind == "time-limit"
-
-
-def test_time_limit_holds_for_a_process_that_closed_its_output(fake, tmp_path):
     with pytest.raises(FreeFEMError) as caught:
         run(fake, tmp_path, f"{END}; exec >&- 2>&-; sleep 60", time_limit=0.3)
     assert caught.value.kind == "time-limit"
 
 
-def test_a_grandchild_that_keeps_the_pipe_does_not_hang_us(fake, tmp_path):
+def test_processes_that_keep_the_pipe_or_say_much_at_the_end(fake, tmp_path):
     start = time.monotonic()
     text = f"setsid sleep 20 & echo $! > {tmp_path}/pid; {END}"
-    assert run(fake, tmp_path, text).status == "converged"
-    assert time.monotonic() - start < 5
+    assert run(fake, tmp_path, text).status == "converged" and time.monotonic() - start < 5
     os.kill(int((tmp_path / "pid").read_text()), signal.SIGKILL)
-
-
-def test_last_words_are_not_lost(fake, tmp_path):
-    """Much output right before the end: the reader must not stop at the first sight of a dead process."""
+    # Much output right before the end: the reader must not stop at the first sight of a dead process.
     done = run(fake, tmp_path, f"for i in $(seq 20000); do echo line $i of many; done; {END}")
-    assert done.status == "converged"
-    assert len((tmp_path / "freefem.log").read_text().splitlines()) == 20001
+    assert done.status == "converged" and len((tmp_path / "freefem.log").read_text().splitlines()) == 20001
 
 
 @pytest.mark.parametrize("error", [RuntimeError("stop"), KeyboardInterrupt()])
@@ -231,11 +192,9 @@ def test_the_process_dies_with_python(fake, tmp_path, number):
 
 
 def test_sigterm_is_ours_only_during_the_run(fake, tmp_path):
-    seen = []
-    before = signal.getsignal(signal.SIGTERM)
+    seen, before = [], signal.getsignal(signal.SIGTERM)
     run(fake, tmp_path, f"echo '@ffsi start'; {END}", on_event=lambda e: seen.append(signal.getsignal(signal.SIGTERM)))
-    assert callable(seen[0])
-    assert signal.getsignal(signal.SIGTERM) is before
+    assert callable(seen[0]) and signal.getsignal(signal.SIGTERM) is before
 
 
 def test_stop_all_from_another_thread(fake, tmp_path, monkeypatch):
@@ -248,14 +207,11 @@ def test_stop_all_from_another_thread(fake, tmp_path, monkeypatch):
         except FreeFEMError as error:
             errors.append(error.kind)
 
-    started = threading.Event()
-    thread = threading.Thread(target=work)
+    started, thread = threading.Event(), threading.Thread(target=work)
     thread.start()
-    assert started.wait(5)
-    assert stop_all() == 1
+    assert started.wait(5) and stop_all() == 1
     thread.join(5)
-    assert errors == ["killed"]
-    assert stop_all() == 0
+    assert errors == ["killed"] and stop_all() == 0
 
 
 def test_a_log_on_a_full_disk(fake, tmp_path):
@@ -263,14 +219,12 @@ def test_a_log_on_a_full_disk(fake, tmp_path):
         run_script(
             tmp_path / "case.edp", installation=fake(f"echo $$ > {tmp_path}/pid; {END}; sleep 60"), log="/dev/full"
         )
-    assert caught.value.kind == "disk-full"
-    assert not is_alive(int((tmp_path / "pid").read_text()))
+    assert caught.value.kind == "disk-full" and not is_alive(int((tmp_path / "pid").read_text()))
 
 
 @pytest.mark.parametrize("ending", [END, "exit 8"])
 def test_a_full_run_folder(fake, tmp_path, monkeypatch, ending):
-    full = SimpleNamespace(f_blocks=1000, f_bfree=3, f_bavail=3, f_frsize=4096)
-    real = os.statvfs
+    full, real = SimpleNamespace(f_blocks=1000, f_bfree=3, f_bavail=3, f_frsize=4096), os.statvfs
     monkeypatch.setattr(process.os, "statvfs", lambda path: full if Path(path).name == "out" else real(path))
     (tmp_path / "out").mkdir()
     with pytest.raises(FreeFEMError, match="full") as caught:
@@ -278,15 +232,12 @@ def test_a_full_run_folder(fake, tmp_path, monkeypatch, ending):
     assert caught.value.kind == "disk-full"
 
 
-@pytest.mark.parametrize(
-    ("ending", "kind", "fragment"),
-    [
-        ("ulimit -S -t 1; while :; do :; done", "time-limit", "used up its processor time"),
-        ("ulimit -f 1; exec head -c 100000 /dev/zero > big", "disk-full", "ulimit -f"),
-        ("kill -KILL $$", "killed", "signal 9"),
-        ("echo std::bad_alloc; exit 134", "out-of-memory", "bad_alloc"),
-    ],
-)
+@pytest.mark.parametrize(("ending", "kind", "fragment"), [
+    ("ulimit -S -t 1; while :; do :; done", "time-limit", "used up its processor time"),
+    ("ulimit -f 1; exec head -c 100000 /dev/zero > big", "disk-full", "ulimit -f"),
+    ("kill -KILL $$", "killed", "signal 9"),
+    ("echo std::bad_alloc; exit 134", "out-of-memory", "bad_alloc"),
+])  # fmt: skip
 def test_limits_of_the_shell_are_named(fake, tmp_path, ending, kind, fragment):
     with pytest.raises(FreeFEMError, match=fragment) as caught:
         run(fake, tmp_path, ending, cwd=tmp_path)
@@ -324,12 +275,9 @@ def test_broken_progress_lines_are_logged_and_skipped(fake, tmp_path, caplog):
     assert "not key=value" in caplog.text
 
 
-def test_a_script_that_is_absent(fake, tmp_path):
+def test_scripts_that_are_absent_and_logs_in_new_folders(fake, tmp_path):
     with pytest.raises(FileNotFoundError, match=r"nothing\.edp"):
         run_script(tmp_path / "nothing.edp", installation=fake(END))
-
-
-def test_a_log_in_a_new_folder(fake, tmp_path):
     run_script(tmp_path / "case.edp", installation=fake(END), log=tmp_path / "a/b/log")
     assert (tmp_path / "a/b/log").exists()
 

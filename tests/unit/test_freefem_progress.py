@@ -23,7 +23,7 @@ def feed(display, *lines):
         display(parse_event("@ffsi " + line))
 
 
-def test_a_sweep_shows_point_iteration_residual_and_time_left():
+def test_sweeps_single_runs_and_chains_show_their_own():
     clock = Clock()
     stream, console = terminal()
     with ProgressDisplay(console=console, clock=clock) as show:
@@ -35,12 +35,7 @@ def test_a_sweep_shows_point_iteration_residual_and_time_left():
         feed(show, "newton point=2 points=4 iteration=3 residual=2e-7 stage=2 stages=2 load=0.5")
         assert show.state == "1/4 done · point 2/4 · mesh 2/2 · load 0.5 · Newton 3 · residual 2.0e-07"
     text = stream.getvalue()
-    assert "flap-svk" in text
-    assert "residual 2.0e-07" in text
-    assert "about 4:30 left" in text
-
-
-def test_a_single_run_shows_iteration_and_residual_only():
+    assert "flap-svk" in text and "residual 2.0e-07" in text and "about 4:30 left" in text
     _, console = terminal()
     with ProgressDisplay(console=console) as show:
         feed(show, "mesh stage=1 stages=2 level=1 triangles=10 unknowns=50")
@@ -49,17 +44,11 @@ def test_a_single_run_shows_iteration_and_residual_only():
         assert show.state == "Newton 5 · residual nan"
         feed(show, "point point=1 points=1 status=converged")
         assert show.seconds_left is None
-
-
-def test_chains_in_parallel_count_together():
     clock = Clock()
-    _, console = terminal()
     with ProgressDisplay("sweep", points=8, console=console, clock=clock) as show:
         clock.now = 10.0
         feed(show, "point point=1 points=4 status=converged", "point point=1 points=4 status=failed")
-        assert show.finished == 2
-        assert show.seconds_left == 30.0
-        assert show.state.startswith("2/8 done")
+        assert show.finished == 2 and show.seconds_left == 30.0 and show.state.startswith("2/8 done")
 
 
 def test_nothing_at_all_when_it_is_no_terminal(capsys):
@@ -70,11 +59,7 @@ def test_nothing_at_all_when_it_is_no_terminal(capsys):
     with ProgressDisplay("case") as show:  # pytest's stderr is no terminal
         feed(show, "newton point=1 points=4 iteration=2 residual=1.25e-5")
     captured = capsys.readouterr()
-    assert captured.out == ""
-    assert captured.err == ""
-
-
-def test_stdout_stays_free(capsys):
+    assert captured.out == "" and captured.err == ""
     _, console = terminal()
     with ProgressDisplay("case", console=console) as show:
         feed(show, "point point=1 points=4 status=converged")

@@ -26,8 +26,7 @@ NEWTONIAN = Newtonian(density=1000.0, viscosity=0.02)
 
 def channel(nx: int = 6, ny: int = 3) -> RawMesh:
     """Rectangle [0, 2] x [0, 0.5] of fluid, with labels: 3 below, 4 above, 1 and 2 its ends."""
-    mesh = structured_mesh(nx, ny, 2.0, 0.5)
-    top = ny * (nx + 1)
+    mesh, top = structured_mesh(nx, ny, 2.0, 0.5), ny * (nx + 1)
     edges = [(i, i + 1) for i in range(nx)] + [(top + i, top + i + 1) for i in range(nx)]
     edges += [(j * (nx + 1) + x, (j + 1) * (nx + 1) + x) for x in (0, nx) for j in range(ny)]
     label = np.repeat([3, 4, 1, 2], [nx, nx, ny, ny])
@@ -45,7 +44,7 @@ def poiseuille(y: np.ndarray) -> np.ndarray:
     return np.column_stack([3.0 * y * (0.5 - y), np.zeros_like(y)])
 
 
-def test_points_follow_the_wall_with_the_fluid_to_the_left() -> None:
+def test_walls_of_flows_have_their_points_and_spatial_gradients() -> None:
     points = wall_points(channel(), [3, 4])
     assert points.chain.tolist() == [0] * 6 + [1] * 6 or points.chain.tolist() == [1] * 6 + [0] * 6
     below, above = points.label == 3, points.label == 4
@@ -54,28 +53,16 @@ def test_points_follow_the_wall_with_the_fluid_to_the_left() -> None:
     assert points.arc[below] == pytest.approx((np.arange(6) + 0.5) / 3)
     assert points.normal[below] == pytest.approx(np.tile([0.0, -1.0], (6, 1)))
     assert points.normal[above] == pytest.approx(np.tile([0.0, 1.0], (6, 1)))
-
-
-def test_one_chain_goes_around_a_corner() -> None:
     mesh = channel()
     points = wall_points(mesh, [1, 2, 3, 4])
-    assert set(points.chain) == {0}
-    assert points.arc[-1] + points.length[-1] / 2 == pytest.approx(5.0)
+    assert set(points.chain) == {0} and points.arc[-1] + points.length[-1] / 2 == pytest.approx(5.0)
     coordinates = mesh.p2_coordinates
     assert coordinates[points.ends[1:, 0]] == pytest.approx(coordinates[points.ends[:-1, 1]])
     assert coordinates[points.middle] == pytest.approx(points.position)
-
-
-def test_poiseuille_flow_pulls_its_walls_along() -> None:
-    mesh = channel()
     points = wall_points(mesh, [3, 4])
     tau = wall_shear_stress(points, state(mesh, poiseuille(mesh.p2_coordinates[:, 1])), NEWTONIAN)
     assert tau == pytest.approx(np.tile([0.02 * 1.5, 0.0], (12, 1)), abs=1e-15)
-
-
-def test_on_a_deformed_mesh_the_gradients_are_spatial() -> None:
-    """The channel turned, sheared and stretched: the flow is given in the coordinates where it is."""
-    mesh = channel()
+    # The channel turned, sheared and stretched: the flow is given in the coordinates where it is.
     linear = np.array([[1.2, 0.4], [-0.3, 0.9]])  # x = linear X
     at = mesh.p2_coordinates @ linear.T
     along = linear[:, 0] / np.hypot(*linear[:, 0])  # direction of the walls
@@ -83,23 +70,12 @@ def test_on_a_deformed_mesh_the_gradients_are_spatial() -> None:
     distance = at @ across  # from the lower wall
     height = np.linalg.det(linear) / np.hypot(*linear[:, 0]) * 0.5
     velocity = (distance * (height - distance))[:, None] * along
-    points = wall_points(mesh, [3, 4])
     deformed = state(mesh, velocity, at - mesh.p2_coordinates)
     assert wall_shear_stress(points, deformed, NEWTONIAN) == pytest.approx(np.tile(0.02 * height * along, (12, 1)))
     assert deformed_length(points, deformed) == pytest.approx(points.length * np.hypot(*linear[:, 0]))
-
-
-def test_pressure_and_stretching_along_the_normal_do_no_shear() -> None:
-    mesh = channel()
-    at = mesh.p2_coordinates
-    points = wall_points(mesh, [3])
+    at, points = mesh.p2_coordinates, wall_points(mesh, [3])
     tau = wall_shear_stress(points, state(mesh, np.column_stack([at[:, 0], -at[:, 1]])), NEWTONIAN)
     assert tau == pytest.approx(np.zeros((6, 2)), abs=1e-15)
-
-
-def test_carreau_stress_takes_the_viscosity_at_the_wall() -> None:
-    mesh = channel()
-    points = wall_points(mesh, [3])
     velocity = np.column_stack([100.0 * mesh.p2_coordinates[:, 1], np.zeros(mesh.n_p2)])
     tau = wall_shear_stress(points, state(mesh, velocity), Carreau(density=1035.0))
     assert tau[:, 0] == pytest.approx(100 * 0.004708, rel=1e-3)
@@ -110,16 +86,13 @@ def test_carreau_viscosity_of_blood(rate: float, viscosity: float) -> None:
     assert Carreau(density=1035.0).apparent_viscosity(np.array([rate])) == pytest.approx(viscosity, rel=1e-4)
 
 
-def test_other_laws() -> None:
+def test_other_laws_and_flow_rates() -> None:
     rate = np.array([0.0, 3.0])
     assert NEWTONIAN.apparent_viscosity(rate).tolist() == [0.02, 0.02]
     power = PowerLaw(density=1.0, consistency=0.5, exponent=0.5, regularisation=4.0)
     assert power.apparent_viscosity(rate) == pytest.approx([0.5 * 4**-0.5, 0.5 * 5**-0.5])
     casson = Casson(density=1.0, yield_stress=0.04, viscosity_infinity=0.01, regularisation=4.0)
     assert casson.apparent_viscosity(rate) == pytest.approx([(0.1 + 0.2 / 2) ** 2, (0.1 + 0.2 / 5**0.5) ** 2])
-
-
-def test_flow_rate_is_exact_for_quadratic_velocities() -> None:
     mesh = channel()
     flow = state(mesh, poiseuille(mesh.p2_coordinates[:, 1]))
     assert flow_rate(mesh, flow, 2) == pytest.approx(3 * 0.5**3 / 6, rel=1e-14)
@@ -140,7 +113,7 @@ def test_the_rounding_of_a_fluid_at_rest_is_no_imbalance(unit: float) -> None:
     assert np.isnan(rates(mesh, state(mesh, noise * np.nan), 0.02)["mass_balance"])
 
 
-def test_at_a_vertex_the_mean_of_its_edges_off_the_walls_nothing() -> None:
+def test_vertices_states_and_walls_of_a_channel() -> None:
     mesh = channel()
     points = wall_points(mesh, [3])
     nodal = at_nodes(points, np.column_stack([points.arc, np.full(6, 2.0)]), mesh.n_p2)
@@ -149,25 +122,15 @@ def test_at_a_vertex_the_mean_of_its_edges_off_the_walls_nothing() -> None:
     at = np.clip(mesh.p2_coordinates[on, 0], points.arc[0], points.arc[-1])  # the outermost vertices have one edge
     assert nodal[on] == pytest.approx(np.column_stack([at, np.full(13, 2.0)]))
     assert at_nodes(points, np.where(points.arc < 0.5, np.inf, 1.0), mesh.n_p2)[on].max() == np.inf  # RRT
-
-
-# What is reported of a vessel ---------------------------------------------------------------------------------------
-
-
-def test_walls_are_reported_in_vessels_only() -> None:
     assert {name for name, scene in CASES.items() if reports_walls(scene)} == {
         "aneurysm", "aneurysm-carreau", "aneurysm-pulsatile",
     }  # fmt: skip
-
-
-def test_one_state_of_a_channel() -> None:
     scene = Scene.model_validate({
         "name": "channel", "geometry": {"kind": "channel", "length": 2.0, "height": 0.5},
         "fluid": {"density": 1000.0, "viscosity": 0.02}, "inflow": {"mean_velocity": 0.125},
         "outlet": {"kind": "do-nothing"},
     })  # fmt: skip
     assert reports_walls(scene)
-    mesh = channel()
     mesh = replace(mesh, label=np.where(mesh.label == 4, 3, mesh.label))
     raw = state(mesh, poiseuille(mesh.p2_coordinates[:, 1]))
     found = WallState(scene, mesh, raw, Fields.from_raw(mesh, raw))
@@ -193,8 +156,7 @@ LAWS = (
 
 @pytest.mark.parametrize("law", LAWS, ids=lambda law: law.material)
 def test_small_strains_are_linear_elasticity_in_plane_strain(law: object) -> None:
-    gradient = 1e-7 * np.array([[[0.3, 0.5], [0.1, -0.8]]])
-    strain = np.zeros((3, 3))
+    gradient, strain = 1e-7 * np.array([[[0.3, 0.5], [0.1, -0.8]]]), np.zeros((3, 3))
     strain[:2, :2] = (gradient[0] + gradient[0].T) / 2
     mu, lame_lambda = 10 / 2.6, 10 * 0.3 / (1.3 * 0.4)
     expected = 2 * mu * strain + lame_lambda * np.trace(strain) * np.eye(3)
@@ -216,8 +178,7 @@ def test_cauchy_stress_is_the_derivative_of_the_energy(law: object) -> None:
         shape = law.c10 * (jacobian ** (-2 / 3) * first - 3) + law.c01 * (jacobian ** (-4 / 3) * second - 3)
         return float(shape + law.bulk_modulus / 2 * (jacobian - 1) ** 2)
 
-    gradient = np.array([[0.3, 0.5], [-0.2, 0.1]])
-    f = np.eye(3)
+    gradient, f = np.array([[0.3, 0.5], [-0.2, 0.1]]), np.eye(3)
     f[:2, :2] += gradient
     piola = np.zeros((3, 3))
     for i in range(3):
@@ -262,33 +223,21 @@ def test_where_j_is_not_positive_there_is_no_stress(law: object) -> None:
     assert np.isnan(stress).tolist() == [True, False]
 
 
-def test_effective_stress_of_a_stretched_wall() -> None:
+def test_effective_stress_over_parts() -> None:
     mesh = structured_mesh()  # with one solid, region 2
     scene = CASES["flap-neo-hookean"]
-    law = scene.solid["flap"]
-    at = mesh.p2_coordinates
+    law, at = scene.solid["flap"], mesh.p2_coordinates
     stretched = state(mesh, np.zeros_like(at), np.column_stack([0.1 * at[:, 0], 0 * at[:, 1]]))
     found = effective_stress(scene, mesh, stretched)["flap"]
     inside = np.unique(mesh.p2[mesh.region == 2])
     expected = von_mises(cauchy_stress(law, np.array([[[0.1, 0], [0, 0]]])))[0]
-    assert found[inside] == pytest.approx(expected)
-    assert np.isnan(np.delete(found, inside)).all()
-
-
-# Parts of the walls -------------------------------------------------------------------------------------------------
-
-
-def test_parts() -> None:
+    assert found[inside] == pytest.approx(expected) and np.isnan(np.delete(found, inside)).all()
     geometry = Aneurysm()
     start = np.array(geometry.neck[0])
     place = np.array([[-0.006, 0.0], start + 3e-4, start + 5e-4, [-7.7e-3, 6.5e-3], start])
     label = np.array([13, 14, 14, 15, 20])
     assert part_of(CASES["aneurysm"], label, place).tolist() == ["vessel", "neck", "vessel", "dome", "stent"]
-
-
-def test_over_parts_weighs_by_length_and_cuts_edges() -> None:
-    """The lower wall as an outer wall of an aneurysm that ends in the neck: means of a linear function are exact."""
-    geometry = Aneurysm()
+    # The lower wall as an outer wall of an aneurysm that ends in the neck: means of a linear function are exact.
     mesh = channel(nx=7)
     scaled = replace(mesh, vertices=1e-3 * mesh.vertices + np.array(geometry.neck[0]), label=mesh.label + 11)
     points = wall_points(scaled, [14])
@@ -298,15 +247,13 @@ def test_over_parts_weighs_by_length_and_cuts_edges() -> None:
     first = points.arc[0]  # before the outermost point the curve is constant
     assert found["neck"]["mean"] == pytest.approx((first**2 + (end**2 - first**2) / 2) / end, rel=0.01)
     assert found["vessel"]["mean"] == pytest.approx((end + 2e-3) / 2, rel=0.01)
-    assert found["vessel"]["max"] == points.arc[-1]
-    assert found["neck"]["min"] == points.arc[0]
+    assert found["vessel"]["max"] == points.arc[-1] and found["neck"]["min"] == points.arc[0]
 
 
-def test_the_largest_stress_is_taken_up_to_the_zone_s_end() -> None:
+def test_the_largest_stress_and_its_zones() -> None:
     """A field that falls quadratically away from x = 0, cut between two nodes; one that is largest inside an edge."""
     mesh = structured_mesh(5, 2, 2.0, 0.5)
-    x = mesh.p2_coordinates[:, 0]
-    end = 0.537
+    x, end = mesh.p2_coordinates[:, 0], 0.537
     every = np.full(len(mesh.region), True)
     found = largest_beyond(mesh, every, (2 - x) ** 2, lambda at: at[..., 0] - end)
     assert found == pytest.approx((2 - end) ** 2, rel=1e-12)
@@ -319,9 +266,6 @@ def test_the_largest_stress_is_taken_up_to_the_zone_s_end() -> None:
     assert largest_beyond(mesh, every, with_fluid, lambda at: 1.5 - at[..., 0]) == pytest.approx(1.5)
     with pytest.raises(ValueError, match="no edge lies beyond the zone"):
         largest_beyond(mesh, every, x, lambda at: -1 - at[..., 0])
-
-
-def test_where_the_zone_around_corners_ends() -> None:
     geometry = Aneurysm()
     at = np.array([[-0.4e-3, 8e-3], [-8e-3, 0.6e-3], np.add(geometry.corners[3], [0.0, 0.5e-3])])
     assert beyond_corners(geometry, at) == pytest.approx([-0.1e-3, 0.1e-3, 0.0], abs=1e-12)
@@ -338,5 +282,4 @@ def test_flow_into_the_dome_does_not_depend_on_how_the_mesh_moves() -> None:
         moved = state(mesh, np.zeros_like(at), np.column_stack([0 * shift, shift]))
         moved.v[:, 1] = at[:, 0] + at[:, 1] + shift
         flow = dome_flow(mesh, moved, Fields.from_raw(mesh, moved))
-        assert flow["dome_area"] == pytest.approx(0.5)
-        assert flow["dome_inflow"] == pytest.approx(2.5, rel=2e-3)
+        assert flow["dome_area"] == pytest.approx(0.5) and flow["dome_inflow"] == pytest.approx(2.5, rel=2e-3)

@@ -34,40 +34,30 @@ def is_clean(text: str) -> bool:
     return not any(unicodedata.category(c) in ("Cc", "Cf", "Cs", "Zl", "Zp") for c in text.replace("\n", ""))
 
 
-# Numbers --------------------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("text", "fragment"),
-    [
-        ("k=0:1e999999:1", "1e300"),
-        ("k=0:1e99999999:1", "1e300"),
-        ("k=0:1:1e-999999999", "1e-300"),
-        ("k=1e-999999999", "1e-300"),
-        ("k=-1e400", "1e300"),
-        ("k=0:1e300:1e-300", "about 1e600 values"),
-        ("k=0:1000000:1", "1000001 values"),
-        ("k=" + "1" * 5000, "characters"),
-        ("k=" + "1." + "0" * 5000, "characters"),
-        ("k=sNaN", "not finite"),
-        ("k=-inf", "not finite"),
-        ("k=" + ",".join(map(str, range(100_001))), "more than 100000"),
-        ("k=" + "x" * 5000, "characters"),
-    ],
-)
+@pytest.mark.parametrize(("text", "fragment"), [
+    ("k=0:1e999999:1", "1e300"),
+    ("k=0:1e99999999:1", "1e300"),
+    ("k=0:1:1e-999999999", "1e-300"),
+    ("k=1e-999999999", "1e-300"),
+    ("k=-1e400", "1e300"),
+    ("k=0:1e300:1e-300", "about 1e600 values"),
+    ("k=0:1000000:1", "1000001 values"),
+    ("k=" + "1" * 5000, "characters"),
+    ("k=" + "1." + "0" * 5000, "characters"),
+    ("k=sNaN", "not finite"),
+    ("k=-inf", "not finite"),
+    ("k=" + ",".join(map(str, range(100_001))), "more than 100000"),
+    ("k=" + "x" * 5000, "characters"),
+])  # fmt: skip
 def test_a_range_is_counted_before_it_is_made(text, fragment):
     begin = time.perf_counter()
     with pytest.raises(InputError, match=fragment) as caught:
         vary.parse_vary(text)
-    assert time.perf_counter() - begin < 1
-    assert len(str(caught.value)) < 400
+    assert time.perf_counter() - begin < 1 and len(str(caught.value)) < 400
 
 
-def test_a_zero_with_an_exponent_is_zero():
+def test_numbers_are_counted_before_they_are_made():
     assert vary.parse_vary("k=0e99999999:1:0.5") == ("k", [0, 0.5, 1.0])
-
-
-def test_a_product_is_counted_before_it_is_made():
     many = ["inflow.mean_velocity=1:100000:1", "fluid.viscosity=1:100000:1"]
     with pytest.raises(InputError, match="100000 x 100000 = about 1e10 points, more than 100000"):
         columns_of(load_scene("flap-svk"), vary.parse_all(many))
@@ -78,8 +68,7 @@ def test_a_product_is_counted_before_it_is_made():
 def test_a_number_of_many_digits_is_refused_by_its_key(key, value):
     with pytest.raises(SceneError) as caught:
         load_scene("flap-svk", [f"{key}={value}"])
-    assert str(caught.value).startswith(f"{key} = ")
-    assert len(str(caught.value)) < 500
+    assert str(caught.value).startswith(f"{key} = ") and len(str(caught.value)) < 500
 
 
 # TOML -----------------------------------------------------------------------------------------------------------------
@@ -100,8 +89,7 @@ def test_a_bomb_of_toml_is_refused_quickly_and_briefly(text):
     with pytest.raises(SceneError) as caught:
         Scene.from_toml(text)
     assert time.perf_counter() - begin < 3
-    assert len(str(caught.value)) < 10_000
-    assert is_clean(str(caught.value))
+    assert len(str(caught.value)) < 10_000 and is_clean(str(caught.value))
 
 
 def test_of_many_problems_the_first_are_shown_and_the_rest_counted():
@@ -117,11 +105,7 @@ def test_a_deep_override_stays_a_text(text):
     assert all(isinstance(value, str) for value in parse_overrides([text]).values())
 
 
-# Terminals ------------------------------------------------------------------------------------------------------------
-
-
 def errors_with_names() -> dict[str, Exception]:
-    """Errors whose names come from files or folders."""
     found = {}
     calls = {
         "key": lambda: Scene.from_toml(json.dumps(EVIL[:12]) + " = 1\n"),
@@ -145,7 +129,7 @@ def errors_with_names() -> dict[str, Exception]:
     return found
 
 
-def test_names_from_outside_are_cleaned_in_every_error(tmp_path, capsys):
+def test_names_from_outside_are_cleaned_everywhere(tmp_path, capsys):
     found = errors_with_names()
     for name, error in found.items():
         if not isinstance(error, OSError):  # Python's own; cleaned where it is printed
@@ -155,9 +139,6 @@ def test_names_from_outside_are_cleaned_in_every_error(tmp_path, capsys):
         text = capsys.readouterr().err
         assert is_clean(text), name
         assert not any(line.startswith("error: fake") for line in text.splitlines()), name
-
-
-def test_names_from_outside_are_cleaned_in_logs_tables_and_events(capsys):
     show.LogHandler().emit(logging.LogRecord("ffsi.x", logging.WARNING, "", 0, "%s", (EVIL,), None))
     show.note(EVIL.replace("\n", ""))
     out = make_run(Path("r"), quantities={f"drag{EVIL}[red]": 1.0}, reason=EVIL, status="failed", failure="check")
@@ -165,8 +146,7 @@ def test_names_from_outside_are_cleaned_in_logs_tables_and_events(capsys):
 
     show.result(load_result(out))
     found = capsys.readouterr()
-    assert is_clean(found.err)
-    assert is_clean(found.out)
+    assert is_clean(found.err) and is_clean(found.out)
     assert "[red]" in found.out  # a name, and no colour
     seen = []
     with Output(None, seen.append) as output:
@@ -178,19 +158,15 @@ def test_names_from_outside_are_cleaned_in_logs_tables_and_events(capsys):
 def test_names_from_outside_are_cleaned_by_the_command_line(arguments, capsys):
     with pytest.raises(SystemExit) as stopped:
         main(arguments)
-    assert stopped.value.code == 2
-    assert is_clean(capsys.readouterr().err)
+    assert stopped.value.code == 2 and is_clean(capsys.readouterr().err)
 
 
-def test_long_names_and_lists_are_cut():
-    assert len(cut("a" * 10**6)) == 120
-    assert listed(range(2000)).endswith("39 and 1960 more")
+def test_long_names_are_cut_and_marks_accepted():
+    assert len(cut("a" * 10**6)) == 120 and listed(range(2000)).endswith("39 and 1960 more")
     assert printable("µ ν²") == "µ ν²"
-    assert nearest("flap", (f"flap{i}" for i in range(10**6))) is not None
-    assert nearest("x" * 10**6, ["x"]) is None
-
-
-# Files ----------------------------------------------------------------------------------------------------------------
+    assert nearest("flap", (f"flap{i}" for i in range(10**6))) is not None and nearest("x" * 10**6, ["x"]) is None
+    Path("a.json").write_bytes(b'\xef\xbb\xbf{"a": 1}')
+    assert reading.read_json(Path("a.json")) == {"a": 1}
 
 
 def test_what_is_no_ordinary_file_is_refused_before_it_is_read(tmp_path):
@@ -216,27 +192,12 @@ def test_what_is_no_ordinary_file_is_refused_before_it_is_read(tmp_path):
         assert time.perf_counter() - begin < 2, name
 
 
-def test_a_mark_in_front_of_the_text_is_accepted():
-    Path("a.json").write_bytes(b'\xef\xbb\xbf{"a": 1}')
-    assert reading.read_json(Path("a.json")) == {"a": 1}
-
-
-@pytest.mark.parametrize(
-    ("text", "fragment"),
-    [
-        ("", "no valid JSON"),
-        ('{"a": NaN}', "NaN is no number"),
-        ('{"a": -Infinity}', "-Infinity is no number"),
-        ('{"a": 1e999}', "too large"),
-        ('{"a": ' + "1" * 25 + "}", "25 digits"),
-        ('{"a": ' + "1" * 10_000 + "}", "digits"),
-        ('{"a": 1, "a": 2}', "twice"),
-        ("[" * 100_000, "too deep"),
-        ('{"a":' * 100_000, "too deep"),
-        ("[1]", "no JSON object"),
-        ("3", "no JSON object"),
-    ],
-)
+@pytest.mark.parametrize(("text", "fragment"), [
+    ("", "no valid JSON"), ('{"a": NaN}', "NaN is no number"), ('{"a": -Infinity}', "-Infinity is no number"),
+    ('{"a": 1e999}', "too large"), ('{"a": ' + "1" * 25 + "}", "25 digits"), ('{"a": ' + "1" * 10_000 + "}", "digits"),
+    ('{"a": 1, "a": 2}', "twice"), ("[" * 100_000, "too deep"), ('{"a":' * 100_000, "too deep"),
+    ("[1]", "no JSON object"), ("3", "no JSON object"),
+])  # fmt: skip
 def test_json_is_strict(text, fragment):
     Path("a.json").write_text(text)
     with pytest.raises(InputError, match=fragment) as caught:
@@ -256,10 +217,9 @@ def test_the_output_of_a_program_that_ends_with_a_broken_line_is_read():
 WRONG = [None, [], {}, "x", -1, True, [1], {"a": "b"}, {"a": [1]}, 10**17]
 
 
-@pytest.mark.parametrize(
-    "key",
-    ["case", "status", "point", "quantities", "newton", "timings", "parameters", "check", "varied", "failure", "time"],
-)
+@pytest.mark.parametrize("key", [
+    "case", "status", "point", "quantities", "newton", "timings", "parameters", "check", "varied", "failure", "time",
+])  # fmt: skip
 @pytest.mark.parametrize("name", ["result.json", "point-0001.json"])
 def test_a_value_of_another_type_is_no_fault_of_ffsi(capsys, name, key):
     make_run(Path("r"))

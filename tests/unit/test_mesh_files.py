@@ -142,14 +142,12 @@ def test_names_from_files_are_words_only(name, tmp_path) -> None:
     """They can be used like any other, and in a message they are one short line without control characters."""
     (tmp_path / "a.msh").write_text(TEXT.replace("fixed", name), newline="")
     found = beam_scene(tmp_path / "a.msh", name)
-    assert lengths(found) == {"clamped": 2.0, "free": 4.0}
-    assert name not in render(found)
+    assert lengths(found) == {"clamped": 2.0, "free": 4.0} and name not in render(found)
     for text in ("\n".join(words(intended(found))), stored(found, tmp_path).to_toml()):
         assert name not in text
     with pytest.raises(SceneError, match="no such boundary; the mesh has ") as caught:
         beam_scene(tmp_path / "a.msh", "elsewhere")
-    assert str(caught.value).isprintable()
-    assert len(str(caught.value)) < 1000
+    assert str(caught.value).isprintable() and len(str(caught.value)) < 1000
 
 
 def test_two_thousand_names(tmp_path) -> None:
@@ -162,12 +160,8 @@ def test_two_thousand_names(tmp_path) -> None:
     assert lengths(beam_scene(tmp_path / "a.msh", "side 1234")) == {"clamped": 1.0, "free": 5.0}
     with pytest.raises(SceneError, match="no such boundary") as caught:
         beam_scene(tmp_path / "a.msh", "sude 1234")
-    assert 'did you mean "side ' in str(caught.value)
-    assert len(str(caught.value)) < 3000
+    assert 'did you mean "side ' in str(caught.value) and len(str(caught.value)) < 3000
     assert time.perf_counter() - begin < 5
-
-
-# Sizes ---------------------------------------------------------------------------------------------------------------
 
 
 def verdict(drawing: Drawing, factor: float, folder: Path) -> str:

@@ -22,10 +22,7 @@ NUMBERS = {
     "boundaries": {"inlet": 11, "outlet": 12, "walls": 13, "clamped": 14, "free": 15},
 }
 
-
-@pytest.fixture
-def scene(tmp_path) -> Scene:
-    return load_scene(write_scene(tmp_path))
+scene = pytest.fixture(lambda tmp_path: load_scene(write_scene(tmp_path)))
 
 
 def of_table(folder: Path, **geometry: object) -> Scene:
@@ -39,39 +36,26 @@ def polygon(radius: float, pieces: int) -> float:
 
 
 def area(inner: float, outer: float, pieces: int) -> float:
-    """Area between two such polygons, m^2."""
     return 1e-6 * pieces * np.sin(TURN / pieces) * (outer**2 - inner**2) / 2
 
 
-def test_roles_lengths_and_areas(scene) -> None:
+def test_roles_lengths_areas_inlet_and_tip(scene) -> None:
     found = {b.label: (b.role, b.part, pytest.approx(b.exact_length, rel=1e-12)) for b in boundaries(scene)}
     assert found == {
-        1: ("inlet", None, 1e-3 * (LUMEN - INNER)),
-        2: ("outlet", None, 1e-3 * (LUMEN - INNER)),
-        3: ("no-slip", None, polygon(INNER, 6)),
-        6: ("clamped", None, 2e-3 * (OUTER - LUMEN)),
-        7: ("free", None, polygon(OUTER, 6)),
-        40: ("interface", "wall", polygon(LUMEN, 6)),
-    }
+        1: ("inlet", None, 1e-3 * (LUMEN - INNER)), 2: ("outlet", None, 1e-3 * (LUMEN - INNER)),
+        3: ("no-slip", None, polygon(INNER, 6)), 6: ("clamped", None, 2e-3 * (OUTER - LUMEN)),
+        7: ("free", None, polygon(OUTER, 6)), 40: ("interface", "wall", polygon(LUMEN, 6)),
+    }  # fmt: skip
     assert scene.exact_areas() == pytest.approx({"fluid": area(INNER, LUMEN, 6), "wall": area(LUMEN, OUTER, 6)})
-    assert scene.physics == "fsi"
-    assert scene.mesh.level == 0
-    assert scene.forces.reference_length == pytest.approx(3e-3)
-
-
-def test_the_inlet_starts_where_the_fluid_is_on_its_right(scene) -> None:
+    assert scene.physics == "fsi" and scene.mesh.level == 0 and scene.forces.reference_length == pytest.approx(3e-3)
     inlet = scene.geometry.inlet
     inward, along = np.array((-np.sin(0.3), np.cos(0.3))), np.array((-np.cos(0.3), -np.sin(0.3)))
     np.testing.assert_allclose(inlet.inward, inward, atol=1e-12)
     np.testing.assert_allclose(along, (-inward[1], inward[0]), atol=1e-15)
     np.testing.assert_allclose(inlet.start, 1e-3 * LUMEN * -along, atol=1e-14)
     assert inlet.height == pytest.approx(3e-3)
-
-
-def test_the_tip_is_far_from_what_is_held(scene) -> None:
     middle = 0.3 + TURN / 2
-    assert np.hypot(*scene.tip) == pytest.approx(1e-3 * OUTER)
-    assert np.arctan2(*scene.tip[::-1]) == pytest.approx(middle)
+    assert np.hypot(*scene.tip) == pytest.approx(1e-3 * OUTER) and np.arctan2(*scene.tip[::-1]) == pytest.approx(middle)
     assert Scene.from_toml(scene.to_toml()).tip == scene.tip
 
 
@@ -88,12 +72,10 @@ def test_tip_and_probes_of_the_scene(tmp_path) -> None:
 
 
 FORMATS = [
-    ("gmsh22", "vessel.msh", "gmsh:physical", {}),
-    ("medit", "vessel.mesh", "medit:ref", NUMBERS),
-    ("vtu", "vessel.vtu", "group", NUMBERS),
-    ("vtk", "vessel.vtk", "group", NUMBERS),
+    ("gmsh22", "vessel.msh", "gmsh:physical", {}), ("medit", "vessel.mesh", "medit:ref", NUMBERS),
+    ("vtu", "vessel.vtu", "group", NUMBERS), ("vtk", "vessel.vtk", "group", NUMBERS),
     ("vtu", "vessel.vtu", "gmsh:physical", NUMBERS),
-]
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(("form", "name", "data", "names"), FORMATS, ids=[f"{row[0]}-{row[2]}" for row in FORMATS])
@@ -121,10 +103,15 @@ def test_named_sets(tmp_path) -> None:
     assert scene.exact_areas() == pytest.approx(of_table(tmp_path).exact_areas())
 
 
-def test_numbers_and_names_mean_the_same(scene, tmp_path) -> None:
+def test_numbers_units_and_names_of_a_mesh(scene, tmp_path) -> None:
     assert of_table(tmp_path, **NUMBERS).geometry == scene.geometry
     text = {key: {name: str(number) for name, number in table.items()} for key, table in NUMBERS.items()}
     assert of_table(tmp_path, **text).geometry == scene.geometry
+    drawing = vessel()
+    drawing.points = drawing.points / 10
+    drawing.write(tmp_path / "vessel.msh")
+    assert of_table(tmp_path, unit="cm").exact_areas() == pytest.approx(scene.exact_areas())
+    assert of_table(tmp_path, unit=None).exact_areas()["wall"] == pytest.approx(1e4 * scene.exact_areas()["wall"])
 
 
 def test_equal_names_of_a_region_and_a_boundary(scene, tmp_path) -> None:
@@ -149,16 +136,7 @@ def test_order_of_nodes_unused_nodes_and_a_third_column_do_not_matter(scene, tmp
     drawing.points = np.vstack([[99.0, 99.0, 99.0], points])
     drawing.write(tmp_path / "vessel.msh")
     other = of_table(tmp_path)
-    assert boundaries(other) == boundaries(scene)
-    assert other.exact_areas() == pytest.approx(scene.exact_areas())
-
-
-def test_units(scene, tmp_path) -> None:
-    drawing = vessel()
-    drawing.points = drawing.points / 10
-    drawing.write(tmp_path / "vessel.msh")
-    assert of_table(tmp_path, unit="cm").exact_areas() == pytest.approx(scene.exact_areas())
-    assert of_table(tmp_path, unit=None).exact_areas()["wall"] == pytest.approx(1e4 * scene.exact_areas()["wall"])
+    assert boundaries(other) == boundaries(scene) and other.exact_areas() == pytest.approx(scene.exact_areas())
 
 
 def test_another_mesh_is_another_scene(scene, tmp_path) -> None:
@@ -172,18 +150,15 @@ def test_another_mesh_is_another_scene(scene, tmp_path) -> None:
 @pytest.mark.parametrize("parts", [{}, {"stent": "inner"}])
 def test_the_run_folder_holds_all(parts, tmp_path, monkeypatch) -> None:
     write_scene(tmp_path)
-    scene = of_table(tmp_path, parts=parts)
-    run = tmp_path / "run"
+    scene, run = of_table(tmp_path, parts=parts), tmp_path / "run"
     run.mkdir()
     (run / "scene.toml").write_text(stored(scene, run).to_toml())
     for path in tmp_path.glob("*.*"):
         path.unlink()
     monkeypatch.chdir(run.parent)
     again = load_scene(run / "scene.toml")
-    assert again == scene
-    assert again.geometry.file == str(run / STORED)
-    assert stored(again, run).to_toml() == (run / "scene.toml").read_text()
-    assert render(again) == render(scene)
+    assert again == scene and again.geometry.file == str(run / STORED)
+    assert stored(again, run).to_toml() == (run / "scene.toml").read_text() and render(again) == render(scene)
     for array in ("vertices", "triangles", "region", "edges", "label"):
         np.testing.assert_array_equal(getattr(again.geometry._mesh, array), getattr(scene.geometry._mesh, array))
 
@@ -192,9 +167,7 @@ def test_parts(tmp_path) -> None:
     write_scene(tmp_path)
     scene = of_table(tmp_path, parts={"core": "inner"})
     found = {b.label: (b.name, b.role, b.part) for b in boundaries(scene)}
-    assert found[40] == ("core", "no-slip", "core")
-    assert found[5] == ("interface", "interface", None)
-    assert 3 not in found
+    assert found[40] == ("core", "no-slip", "core") and found[5] == ("interface", "interface", None) and 3 not in found
     both = of_table(tmp_path, parts={"core": "inner", "skin": "interface"})
     assert [(b.label, b.part) for b in boundaries(both) if b.part] == [(40, "core"), (41, "skin")]
 
@@ -211,8 +184,7 @@ def test_rigid_vessel(tmp_path) -> None:
     del table["solid"]
     (tmp_path / "scene.toml").write_text(tomli_w.dumps(table))
     scene = load_scene(tmp_path / "scene.toml")
-    assert scene.physics == "fluid"
-    assert scene.tip is None
+    assert scene.physics == "fluid" and scene.tip is None
     assert [(b.label, b.part) for b in boundaries(scene)] == [(1, None), (2, None), (40, "walls")]
 
 
@@ -250,9 +222,6 @@ def test_levels(scene, tmp_path) -> None:
     assert ("mesh_size_factor" in flags, "mesh_level" in flags) == (False, True)
 
 
-# Overlaps -----------------------------------------------------------------------------------------------------------
-
-
 def spiral(gap: float, along: int, across: int = 3) -> Topology:
     """Return a band of width 1/2 that winds around twice and leaves a gap to itself."""
     angle, over = np.repeat(np.linspace(0, 13, along + 1), across + 1), np.tile(np.arange(across + 1), along + 1)
@@ -272,9 +241,6 @@ def test_no_overlap(gap, along, across) -> None:
 def test_overlap(gap, along) -> None:
     with pytest.raises(SceneError, match=r"two triangles overlap at \(.*\) mm"):
         refuse_overlaps(spiral(gap, along), ["band"] * (6 * along))
-
-
-# Names ---------------------------------------------------------------------------------------------------------------
 
 
 def words(script: str) -> set[str]:
@@ -321,23 +287,17 @@ def test_no_name_of_a_solid_makes_an_identifier_twice(timed, tmp_path) -> None:
     assert taken <= set(TAKEN), sorted(taken - set(TAKEN))
 
 
-def test_render_writes_the_mesh_beside_the_script(scene, tmp_path, capsys) -> None:
+def test_scripts_and_sweeps_know_their_mesh(scene, tmp_path, capsys) -> None:
     with pytest.raises(SystemExit) as stopped:
         main(["render", str(tmp_path / "scene.toml"), "-o", str(tmp_path / "flow.edp")])
-    assert not stopped.value.code
-    assert 'string meshFile = "flow.mesh";' in (tmp_path / "flow.edp").read_text()
+    assert not stopped.value.code and 'string meshFile = "flow.mesh";' in (tmp_path / "flow.edp").read_text()
     assert len(meshio.read(tmp_path / "flow.mesh").points) == len(vessel().points)
     with pytest.raises(SystemExit) as stopped:
         main(["render", str(tmp_path / "scene.toml"), "-o", str(tmp_path / 'a"b.edp')])
-    assert stopped.value.code == 2
-    assert "needs a name of letters" in capsys.readouterr().err
+    assert stopped.value.code == 2 and "needs a name of letters" in capsys.readouterr().err
     assert not (tmp_path / 'a"b.edp').exists()
-
-
-def test_a_sweep_knows_its_mesh(scene, tmp_path) -> None:
     vary = {"design": "product", "vary": {"inflow.mean_velocity": [0.01, 0.02]}}
-    assert define(scene, vary)["mesh"] == scene.geometry.digest
-    assert "mesh" not in define(load_scene("flap-svk"), vary)
+    assert define(scene, vary)["mesh"] == scene.geometry.digest and "mesh" not in define(load_scene("flap-svk"), vary)
 
 
 def test_from_python(tmp_path, monkeypatch) -> None:

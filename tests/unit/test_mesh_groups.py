@@ -33,7 +33,6 @@ DEFAULT = {"inlet": "in", "outlet": "out", "walls": "wall", "clamped": "fixed"}
 
 
 def draw(plane: str = "xy") -> None:
-    """Draw channel and wall with the built-in kernel of Gmsh."""
     gmsh.clear()
     geo = gmsh.model.geo
     place = {"xy": lambda x, y: (x, y, 0), "xz": lambda x, y: (x, 0, y), "yz": lambda x, y: (0, x, y)}[plane]
@@ -78,7 +77,6 @@ def save(path: Path, before: Callable[[], object] = lambda: None, plane: str = "
 
 
 def scene(file: Path, outline: dict[str, Any] = DEFAULT, **geometry: Any) -> Scene:
-    """Return the scene of the channel and its wall."""
     table: dict[str, Any] = {
         "name": "groups",
         "geometry": {"kind": "mesh", "file": str(file), "regions": {"fluid": "lumen", "wall": "wall"},
@@ -186,10 +184,6 @@ def save_part(path: Path, version: float) -> Path:
     return whole.with_name("parts_1.msh")
 
 
-def save_quads(path: Path) -> Path:
-    return save(path, before=gmsh.model.mesh.recombine)
-
-
 REFUSED: list[tuple[Callable[[Path], Path], str]] = [
     (lambda path: save(path, MshFileVersion=1), r"this is version 1 of Gmsh's format; accepted: versions 4.1 and 2.2 "
      r"\(in Gmsh: Mesh.MshFileVersion = 4.1\)"),
@@ -198,7 +192,8 @@ REFUSED: list[tuple[Callable[[Path], Path], str]] = [
     (lambda path: save(path, ElementOrder=2, MshFileVersion=2.2), 'ElementOrder = 1.*; it has .* of the type "line3"'),
     (lambda path: save(path, ElementOrder=3, Binary=1), "Mesh.ElementOrder = 1"),
     (lambda path: save(path, ElementOrder=7), r"in the section \$Elements: elements of the type"),
-    (save_quads, r"only triangles are accepted; it has \d+ quadrilaterals \(in Gmsh: no Recombine\)"),
+    (lambda path: save(path, before=gmsh.model.mesh.recombine),
+     r"only triangles are accepted; it has \d+ quadrilaterals \(in Gmsh: no Recombine\)"),
     (lambda path: save_part(path, 4.1), r"part of a partitioned mesh \(in Gmsh: Mesh.PartitionSplitMeshFiles = 0\)"),
     (lambda path: save_part(path, 2.2), "the file holds one part of a partitioned mesh"),
     (lambda path: save(path, plane="xz"), r"must lie in a plane z = constant; z goes from 0 to 1.25, y is 0 everywhere "
@@ -239,9 +234,6 @@ def test_names_that_two_groups_have(folder) -> None:
         scene(folder / "b.msh", DEFAULT | {"clamped": "7"})
 
 
-# Other formats -------------------------------------------------------------------------------------------------------
-
-
 @pytest.fixture
 def beam(tmp_path) -> dict[str, Any]:
     """Points, triangles and the sides of a beam of 2 x 1: "a" is left, "b" is left and right, "c" the rest."""
@@ -260,8 +252,7 @@ def test_an_edge_written_once_for_each_number(form, data, beam, tmp_path) -> Non
     meshio.Mesh(beam["points"], cells, cell_data={data: numbers}).write(file, file_format=form)
     for clamped, length in ((7, 1.0), (5, 2.0), ([7, 5], 2.0)):
         found = beam_scene(file, clamped, 1)
-        assert lengths(found) == {"clamped": length, "free": 6.0 - length}
-        assert found.exact_areas() == {"beam": 2.0}
+        assert lengths(found) == {"clamped": length, "free": 6.0 - length} and found.exact_areas() == {"beam": 2.0}
 
 
 def test_numbers_of_gmsh_in_another_format(beam, tmp_path) -> None:
@@ -316,19 +307,16 @@ ABAQUS = """*NODE
 {}"""
 
 
-@pytest.mark.parametrize(
-    ("parts", "message"),
-    [
-        (("", "", ""), None),
-        ((", ELSET=s", ", ELSET=t", ""), None),
-        (("", ", ELSET=t", ""), "line 13: elements in a set from the start beside others, which meshio does not keep"),
-        (("", "", "*ELSET, ELSET=left\n6\n"), 'line 22: a second set "left"'),
-        (("", "", "*ELSET, ELSET=more\nfixed\n"), "line 22: a set that is not a list of elements"),
-        (("", "", "*NODE\n7, 9, 9\n"), "line 22: a second list of nodes"),
-        (("", "", "*Include, input=other.inp\n"), "line 22: another file is included"),
-        (("", "", "*ELEMENT, TYPE=T2D2\n7, 1, 2\n"), "line 22: elements after a set"),
-    ],
-)
+@pytest.mark.parametrize(("parts", "message"), [
+    (("", "", ""), None),
+    ((", ELSET=s", ", ELSET=t", ""), None),
+    (("", ", ELSET=t", ""), "line 13: elements in a set from the start beside others, which meshio does not keep"),
+    (("", "", "*ELSET, ELSET=left\n6\n"), 'line 22: a second set "left"'),
+    (("", "", "*ELSET, ELSET=more\nfixed\n"), "line 22: a set that is not a list of elements"),
+    (("", "", "*NODE\n7, 9, 9\n"), "line 22: a second list of nodes"),
+    (("", "", "*Include, input=other.inp\n"), "line 22: another file is included"),
+    (("", "", "*ELEMENT, TYPE=T2D2\n7, 1, 2\n"), "line 22: elements after a set"),
+])  # fmt: skip
 def test_sets_of_abaqus(parts, message, tmp_path) -> None:
     (tmp_path / "beam.inp").write_text(ABAQUS.format(*parts))
     if message is None:
@@ -344,8 +332,7 @@ def test_sets_of_abaqus(parts, message, tmp_path) -> None:
 def test_no_damage_does_harm(version, binary, folder, tmp_path) -> None:
     """Files that are cut or have other bytes somewhere are refused, or hold a mesh: nothing else comes out."""
     whole = save(folder / "a.msh", MshFileVersion=version, Binary=binary).read_bytes()
-    random = np.random.default_rng(1)
-    refused = 0
+    random, refused = np.random.default_rng(1), 0
     for number in range(120):
         data = bytearray(whole)
         for at in random.integers(len(data), size=1 + number % 3):

@@ -20,7 +20,6 @@ ISLAND = [(11, 5), (11.2, 5), (11, 5.2)]  # within the lumen
 
 
 def double_interface(drawing: Drawing) -> None:
-    """Give the wall its own nodes on the interface."""
     shared = np.arange(INTERFACE, len(drawing.points), WIDTH)
     twin = dict(zip(shared, len(drawing.points) + np.arange(len(shared)), strict=True))
     for cells, chosen in (
@@ -82,8 +81,7 @@ def double_the_wall(drawing: Drawing) -> None:
 
 def cover_a_node(drawing: Drawing) -> None:
     """Add a triangle of wall that starts at a node of the inlet and lies in the lumen."""
-    angle = 0.3 + np.array([0.05, 0.08])
-    new = len(drawing.points)
+    angle, new = 0.3 + np.array([0.05, 0.08]), len(drawing.points)
     drawing.points = np.vstack([drawing.points, 11.2 * np.column_stack([np.cos(angle), np.sin(angle)])])
     drawing.triangles = np.vstack([drawing.triangles, [(1, new, new + 1)]])
     drawing.region = np.concatenate([drawing.region, [WALL_REGION]])
@@ -113,7 +111,6 @@ def flatten_a_triangle(drawing: Drawing) -> None:
 
 
 def part_the_fluid(drawing: Drawing) -> None:
-    """Make wall of a strip of the lumen."""
     centre = drawing.points[drawing.triangles].mean(axis=1)
     angle = np.arctan2(centre[:, 1], centre[:, 0])
     drawing.region[(angle > 0.7) & (angle < 0.9)] = WALL_REGION
@@ -265,8 +262,7 @@ def refused(capsys: pytest.CaptureFixture[str], folder: Path, table: dict[str, A
     with pytest.raises(SystemExit) as stopped:
         main(["run", str(scene), "--out", str(folder / "out")])
     out, error = capsys.readouterr()
-    assert stopped.value.code == 2
-    assert out == ""
+    assert stopped.value.code == 2 and out == ""
     assert sorted(folder.rglob("*")) == before
     for jargon in ("pydantic", "Value error", "Traceback", "meshio._"):
         assert jargon not in error
@@ -293,16 +289,12 @@ def test_all_messages_differ() -> None:
     assert len({row[2] for row in BROKEN}) == len(BROKEN)
 
 
-@pytest.mark.parametrize(
-    ("cells", "message"),
-    [
-        ([("quad", [[0, 1, 2, 3]]), ("triangle", [[1, 4, 2]])], "it has 1 quadrilateral (in Gmsh: no Recombine)"),
-        ([("triangle6", [[0, 1, 2, 3, 4, 5]])],
-         "elements of higher order are not accepted (in Gmsh: Mesh.ElementOrder"),
-        ([("tetra", [[0, 1, 2, 3]])], 'only plane triangles are accepted; it has 1 element of the type "tetra"'),
-        ([("line", [[0, 1]])], "the file holds no triangle"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("cells", "message"), [
+    ([("quad", [[0, 1, 2, 3]]), ("triangle", [[1, 4, 2]])], "it has 1 quadrilateral (in Gmsh: no Recombine)"),
+    ([("triangle6", [[0, 1, 2, 3, 4, 5]])], "elements of higher order are not accepted (in Gmsh: Mesh.ElementOrder"),
+    ([("tetra", [[0, 1, 2, 3]])], 'only plane triangles are accepted; it has 1 element of the type "tetra"'),
+    ([("line", [[0, 1]])], "the file holds no triangle"),
+])  # fmt: skip
 def test_other_elements(cells, message, tmp_path, capsys) -> None:
     points = np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (2, 0, 0), (2, 2, 0)], dtype=float)
     meshio.Mesh(points, cells).write(tmp_path / "other.vtu")
@@ -315,22 +307,19 @@ GMSH = (
 )
 
 
-@pytest.mark.parametrize(
-    ("name", "content", "message"),
-    [
-        ("a.msh", b"$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n3\n1 0 0", "damaged: the section $Nodes, which "
-         "begins at line 4, has no end: the file is cut"),
-        ("a.msh", b"\x00\x01\x02", "meshio cannot read it"),
-        ("a.msh", b"", "the file is empty"),
-        ("a.msh", b"\n", "the file holds no elements"),
-        ("a.msh", GMSH % b"1 2 99999", "a triangle has the node 99999, which the file does not hold (number 1 of "
-         "its triangles)"),
-        ("a.msh", GMSH % b"1 2 4", "a triangle has the node 4, which the file does not hold"),
-        ("a.inp", b"*NODE\n1,0,0\n*ELEMENT, TYPE=CPS3\n1,1,2,77\n", "a triangle or a line has the node 2, which"),
-        ("a.vtu", b"<VTKFile", "meshio cannot read it"),
-        ("a.doc", b"some text", "meshio cannot read it"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("name", "content", "message"), [
+    ("a.msh", b"$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n3\n1 0 0",
+     "damaged: the section $Nodes, which " "begins at line 4, has no end: the file is cut"),
+    ("a.msh", b"\x00\x01\x02", "meshio cannot read it"),
+    ("a.msh", b"", "the file is empty"),
+    ("a.msh", b"\n", "the file holds no elements"),
+    ("a.msh", GMSH % b"1 2 99999",
+     "a triangle has the node 99999, which the file does not hold (number 1 of " "its triangles)"),
+    ("a.msh", GMSH % b"1 2 4", "a triangle has the node 4, which the file does not hold"),
+    ("a.inp", b"*NODE\n1,0,0\n*ELEMENT, TYPE=CPS3\n1,1,2,77\n", "a triangle or a line has the node 2, which"),
+    ("a.vtu", b"<VTKFile", "meshio cannot read it"),
+    ("a.doc", b"some text", "meshio cannot read it"),
+])  # fmt: skip
 def test_unreadable(name, content, message, tmp_path, capsys) -> None:
     (tmp_path / name).write_bytes(content)
     error = refused(capsys, tmp_path, scene_table(name))
@@ -354,31 +343,25 @@ def test_several_arrays_of_numbers(tmp_path, capsys) -> None:
     assert 'several cell data hold whole numbers: "colour", "group"; accepted: one of them' in error
 
 
-@pytest.mark.parametrize(
-    ("key", "value", "message"),
-    [
-        ("mesh", {"body_size": 0.1}, 'mesh.body_size = 0.1: not accepted with the geometry "mesh"'),
-        ("mesh", {"size_factor": 2}, 'mesh.size_factor = 2: not accepted with the geometry "mesh"'),
-        ("mesh", {"root_size": 0.1}, "mesh.root_size = 0.1 m: only accepted with"),
-        ("solid", None, 'solid.wall: missing; the region "wall" of the mesh needs a material'),
-        ("fluid", None, 'fluid: missing; the mesh has a region "fluid"'),
-        ("support", {"stiffness": 1}, "support: not accepted: no wall with an outer side"),
-        ("traction", {"x": 1}, 'traction: not accepted: the geometry "mesh" has no loaded boundary'),
-    ],
-)
+@pytest.mark.parametrize(("key", "value", "message"), [
+    ("mesh", {"body_size": 0.1}, 'mesh.body_size = 0.1: not accepted with the geometry "mesh"'),
+    ("mesh", {"size_factor": 2}, 'mesh.size_factor = 2: not accepted with the geometry "mesh"'),
+    ("mesh", {"root_size": 0.1}, "mesh.root_size = 0.1 m: only accepted with"),
+    ("solid", None, 'solid.wall: missing; the region "wall" of the mesh needs a material'),
+    ("fluid", None, 'fluid: missing; the mesh has a region "fluid"'),
+    ("support", {"stiffness": 1}, "support: not accepted: no wall with an outer side"),
+    ("traction", {"x": 1}, 'traction: not accepted: the geometry "mesh" has no loaded boundary'),
+])  # fmt: skip
 def test_tables_that_do_not_fit(key, value, message, tmp_path, capsys) -> None:
     vessel().write(tmp_path / "vessel.msh")
     assert message in refused(capsys, tmp_path, drop(scene_table() | {key: value}))
 
 
-def test_supported_by_nothing(tmp_path, capsys) -> None:
+def test_supports_and_fluids_without_a_place(tmp_path, capsys) -> None:
     vessel().write(tmp_path / "vessel.msh")
     held = boundaries(clamped=None, supported="outside")
     error = refused(capsys, tmp_path, drop(scene_table(**held)))
     assert "support: missing; elastic support of the outer sides" in error
-
-
-def test_a_fluid_without_a_region(tmp_path, capsys) -> None:
     drawing = vessel()
     drawing.triangles, drawing.region = drawing.triangles[drawing.region == WALL_REGION], drawing.region[:12] * 0 + 2
     drawing.lines, drawing.curve = drawing.lines[drawing.curve >= 14], drawing.curve[drawing.curve >= 14]
@@ -396,6 +379,5 @@ def test_problems_come_back_as_a_scene_error(tmp_path) -> None:
     with pytest.raises(SceneError) as caught:
         load_scene(tmp_path / "scene.toml")
     assert [(problem.key, problem.nearest) for problem in caught.value.problems] == [
-        ("geometry.boundaries.inlet", "in"),
-        ("geometry.boundaries.outlet", "out"),
-    ]
+        ("geometry.boundaries.inlet", "in"), ("geometry.boundaries.outlet", "out"),
+    ]  # fmt: skip

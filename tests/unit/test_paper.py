@@ -47,26 +47,15 @@ def outcome(curve: Curve, tmp_path, *, steps: int, failure: str = "", **columns)
     return Outcome(curve, load_scene(curve.scene, ["mesh.level=0"]), make_run(tmp_path / curve.name), table)
 
 
-def rows_of(markdown: str) -> list[list[str]]:
-    return [[cell.strip() for cell in line.strip("|").split("|")] for line in markdown.splitlines()[2:]]
-
-
-def test_every_figure_from_3_to_14_has_its_place():
+def test_figures_and_velocities_are_those_of_the_paper_in_valid_scenes():
     numbers = sorted(number for case in CASES for number in case.figures.values())
-    assert numbers == list(range(3, 15))
-    assert [case.figures["forces"] for case in CASES] == [12, 13, 14]
+    assert numbers == list(range(3, 15)) and [case.figures["forces"] for case in CASES] == [12, 13, 14]
     assert CASES[1].file("pressure") == "figure-07-pressure.png"
-
-
-def test_the_velocities_are_those_of_the_paper():
     first, second, third = (case.curve.velocities for case in CASES)
     assert first == (0.012, 0.024, 0.036, 0.048, 0.06, 0.072, 0.084, 0.096, 0.108, 0.12)
     assert second[:10] == third[:10] == (0.0055, 0.011, 0.0165, 0.022, 0.0275, 0.033, 0.0385, 0.044, 0.0495, 0.055)
     assert second[-1] == third[-1] == 0.12
     assert all(tuple(sorted(curve.velocities)) == curve.velocities for case in CASES for curve in case.curves)
-
-
-def test_every_sweep_is_a_valid_scene_with_a_name_of_its_own():
     scenes = flap.load_scenes(CASES, 3)
     assert len({curve.name for curve in scenes}) == len(scenes) == sum(len(case.curves) for case in CASES)
     assert {scene.mesh.level for scene in scenes.values()} == {3}
@@ -83,21 +72,17 @@ def test_the_study_writes_tables_figures_and_text_and_resumes(tmp_path, capsys, 
     assert sorted(path.name for path in out.iterdir()) == sorted([*FIGURES, "case-1.csv", "fine.csv", "paper.md"])
     assert sorted(freefem.solved) == [0.04, 0.04, 0.08, 0.08, 0.12]
     table = pd.read_csv(out / "case-1.csv")
-    assert table[KEY].tolist() == [0.04, 0.08, 0.12]
-    assert table["drag"].tolist() == [0.08, 0.16, 0.24]
+    assert table[KEY].tolist() == [0.04, 0.08, 0.12] and table["drag"].tolist() == [0.08, 0.16, 0.24]
     assert not {"seconds", "folder", "point"} & set(table)
     text = (out / "paper.md").read_text()
     assert "`python -m studies paper` (FreeFEM 4.9 with MUMPS, mesh level 0)" in text
-    assert "*Figure 3, at 0.12 m/s: velocity" in text
-    assert all(f"]({name})" in text for name in FIGURES)
+    assert "*Figure 3, at 0.12 m/s: velocity" in text and all(f"]({name})" in text for name in FIGURES)
     for name in FIGURES:
-        assert (out / name).stat().st_size <= 150_000
-        assert Image.open(out / name).width > 500
+        assert (out / name).stat().st_size <= 150_000 and Image.open(out / name).width > 500
     assert (runs / "level-0" / "fine" / "sweep.csv").is_file()
     assert re.search(r"case 1 +flap-svk +900 +3 of 3 +0\.12", capsys.readouterr().out)
     before = {path.name: path.read_bytes() for path in out.iterdir()}
-    assert flap.main(out=out, runs=runs) == []
-    assert len(freefem.solved) == 5
+    assert flap.main(out=out, runs=runs) == [] and len(freefem.solved) == 5
     assert {path.name: path.read_bytes() for path in out.iterdir()} == before
 
 
@@ -106,22 +91,18 @@ def test_where_a_sweep_ends_stays_visible_and_is_no_failure(tmp_path, capsys, fr
     assert flap.main(out=tmp_path / "out", runs=tmp_path / "runs") == []
     table = pd.read_csv(tmp_path / "out" / "case-1.csv")
     assert table["failure"].fillna("").tolist() == ["", "not-converged", "not-converged"]
-    assert table["reason"][1] == "J too small"
-    assert table["drag"].notna().tolist() == [True, False, False]
+    assert table["reason"][1] == "J too small" and table["drag"].notna().tolist() == [True, False, False]
     assert table["min_jacobian"].notna().tolist() == [True, False, False]
     assert table["reached_min_jacobian"].notna().tolist() == [False, True, True]
     text = (tmp_path / "out" / "paper.md").read_text()
-    assert "The sweep ended at 0.08 m/s: J too small." in text
-    assert "*Figure 3, at 0.04 m/s: velocity" in text
-    assert "| failed (not-converged) |" in text
-    assert "| case 1 | flap-svk | 900 | 1 of 3 | 0.04 | 0.08 |" in text
+    assert "The sweep ended at 0.08 m/s: J too small." in text and "*Figure 3, at 0.04 m/s: velocity" in text
+    assert "| failed (not-converged) |" in text and "| case 1 | flap-svk | 900 | 1 of 3 | 0.04 | 0.08 |" in text
     assert "case-1 ended at 0.08 m/s: J too small" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    ("ending", "velocity", "failures"),
-    [("limit", 0.03, {"not-converged"}), ("die", 0.08, {"crash"}), ("wrong", 0.08, {"check"})],
-)
+@pytest.mark.parametrize(("ending", "velocity", "failures"), [
+    ("limit", 0.03, {"not-converged"}), ("die", 0.08, {"crash"}), ("wrong", 0.08, {"check"}),
+])  # fmt: skip
 def test_failures_are_returned(tmp_path, freefem, check, one, ending, velocity, failures):
     setattr(check if ending == "wrong" else freefem, ending, velocity)
     assert set(flap.main(out=tmp_path / "out", runs=tmp_path / "runs")) == failures
@@ -149,12 +130,10 @@ def test_sweeps_with_another_definition_are_refused(tmp_path, freefem, check, on
 
 def test_the_highest_velocity_counts_and_not_the_last_row(tmp_path):
     done = outcome(CASES[0].curve, tmp_path, steps=2, failure="not-converged", drag=[1.0, 2.0, 3.0])
-    assert done.end == (pytest.approx(0.03), "J too small")
-    assert done.failures == []
+    assert done.end == (pytest.approx(0.03), "J too small") and done.failures == []
     assert done.solved["drag"].tolist() == [1.0, 2.0]
     turned = Outcome(done.curve, done.scene, done.directory, done.table[::-1])
-    assert turned.solved["drag"].tolist() == [1.0, 2.0]
-    assert turned.highest.directory == done.directory
+    assert turned.solved["drag"].tolist() == [1.0, 2.0] and turned.highest.directory == done.directory
 
 
 def test_point_tables_leave_out_what_is_no_solution(tmp_path):
@@ -166,7 +145,7 @@ def test_point_tables_leave_out_what_is_no_solution(tmp_path):
         text.splitlines()[0]
         == "| v_mean (m/s) | drag (N/m) | tip_ux (m) | min_jacobian | before the failure | check | status |"
     )
-    assert rows_of(text) == [
+    assert [[cell.strip() for cell in line.strip("|").split("|")] for line in text.splitlines()[2:]] == [
         ["0.01", "0.001", "0.1", "0.5000", "–", "1e-11", "converged"],
         ["0.02", "–", "–", "–", "0.0100", "1e-11", "failed (not-converged)"],
     ]
@@ -206,8 +185,7 @@ def test_remarks_name_their_cases_and_open_values_their_scenes(tmp_path):
     tables = {case.curve: outcome(case.curve, tmp_path, steps=1, tip_ux=[0.1], tip_uy=[0.0]) for case in CASES}
     text = flap.document(CASES, tables, [])
     assert "**Drag and lift.** Paper: F<sub>D</sub> = ∫<sub>S</sub> ( ρ η ∂u<sub>t</sub>/∂n" in text
-    assert text.count("**Drag and lift.**") == 1
-    assert "**Bulk modulus (case 3).** Paper: K = 5.6 Pa" in text
+    assert text.count("**Drag and lift.**") == 1 and "**Bulk modulus (case 3).** Paper: K = 5.6 Pa" in text
     assert "Poisson's ratio −0.931" in text
     assert "**Rate of deformation.** Paper: D in the viscosity law (30) is called the deformation gradient." in text
     assert "| element size at the flap's root corners | 1 | 0.01 m |" in text

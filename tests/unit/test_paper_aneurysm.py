@@ -13,19 +13,17 @@ from ffsi.report import walls
 from ffsi.result import pictures
 from ffsi.result.fields import Fields
 from ffsi.scene.fluids import Carreau, Newtonian
-from studies.__main__ import main
 from studies.paper import aneurysm
 
 
-def test_eight_variants_of_the_catalogue_s_scenes() -> None:
+def test_eight_variants_and_their_systole() -> None:
     scenes = {variant.name: variant.scene(1) for variant in aneurysm.VARIANTS}
     assert list(scenes) == [
         "steady-elastic", "steady-elastic-carreau", "steady-rigid", "steady-rigid-carreau", "pulsatile-elastic",
         "pulsatile-elastic-carreau", "pulsatile-rigid", "pulsatile-rigid-carreau",
     ]  # fmt: skip
     for name, scene in scenes.items():
-        assert scene.mesh.level == 1
-        assert scene.physics == ("fsi" if "elastic" in name else "fluid")
+        assert scene.mesh.level == 1 and scene.physics == ("fsi" if "elastic" in name else "fluid")
         assert isinstance(scene.fluid, Carreau if "carreau" in name else Newtonian)
         assert (scene.time is not None) == (scene.output.wall is not None) == name.startswith("pulsatile")
         assert (scene.support is not None) == name.startswith("pulsatile-elastic")
@@ -34,13 +32,9 @@ def test_eight_variants_of_the_catalogue_s_scenes() -> None:
             assert scene.time.output_interval == pytest.approx(scene.inflow.period / 20)
     with pytest.raises(Exception, match=r"mesh\.level = 7"):
         aneurysm.VARIANTS[0].scene(7)
-
-
-def test_systole_is_in_the_last_cycle_where_the_waveform_is_largest() -> None:
     found = aneurysm.systole(SimpleNamespace(scene=aneurysm.VARIANTS[4].scene(1)))  # type: ignore[arg-type]
     period = 60 / 84
-    assert 3 * period < found < 4 * period
-    assert found / period % 1 == pytest.approx(0.648, abs=1e-3)
+    assert 3 * period < found < 4 * period and found / period % 1 == pytest.approx(0.648, abs=1e-3)
 
 
 @pytest.fixture
@@ -65,21 +59,17 @@ def wall(cycle: int | None = None) -> pd.DataFrame:
     return table if cycle is None else table.assign(cycle=cycle, tawss=1 + arc, osi=0.1, rrt=2.0)
 
 
-def test_pictures_of_mesh_stress_and_dome(fields: Fields) -> None:
+def test_pictures_and_curves_of_mesh_stress_dome_and_neck(fields: Fields) -> None:
     assert shades(aneurysm.mesh_picture(fields, "title")) > 20
     stress = np.linspace(0, 1, len(fields.points))
     assert shades(walls.wall_stress(fields, stress, 1.0, "title")) > 20
     low, high = fields.deformed.min(axis=0), fields.deformed.max(axis=0)
     assert shades(aneurysm.velocity_within(fields, (low, (low + high) / 2))) > 20
-
-
-def test_curves_shade_dome_and_neck() -> None:
     figure = walls.along_walls(
         {"a": wall(), "b": wall()}, [("wss", "WSS (Pa)"), ("pressure", "p (Pa)")], "title", ("wss",)
     )
     first, second = figure.axes
-    assert first.get_yscale() == "log" and second.get_yscale() == "linear"
-    assert len(first.get_lines()) == 2
+    assert first.get_yscale() == "log" and second.get_yscale() == "linear" and len(first.get_lines()) == 2
     shaded = sorted(tuple(np.round(patch.get_extents().transformed(first.transData.inverted()).intervalx, 2))
                     for patch in first.patches)  # fmt: skip
     assert shaded == [(3.5, 4.0), (4.5, 5.5), (6.0, 6.5)]
@@ -129,12 +119,3 @@ def test_every_variant_is_run_and_written(tmp_path: Path, monkeypatch: pytest.Mo
         *(f"aneurysm-steady-{name}-wall.csv" for name in ("elastic-carreau", "elastic", "rigid-carreau", "rigid")),
         "aneurysm.md",
     ]
-
-
-def test_command(monkeypatch: pytest.MonkeyPatch) -> None:
-    seen: list[dict[str, Any]] = []
-    monkeypatch.setattr("studies.paper.aneurysm.main", lambda **options: seen.append(options) or ["", "check"])
-    with pytest.raises(SystemExit) as ended:
-        main(["paper", "--aneurysm"])
-    assert ended.value.code == 1
-    assert seen == [{"out": Path("results/paper"), "runs": Path("runs/paper")}]

@@ -39,7 +39,7 @@ def test_reading_sets_no_more_memory_aside_than_the_file_has_bytes(tmp_path):
         tracemalloc.stop()
 
 
-def test_layout_is_length_then_values_little_endian(tmp_path):
+def test_layout_and_round_trip(tmp_path):
     path = tmp_path / "two.bin"
     write_arrays(path, [np.array([1, -2]), np.array([0.5])])
     assert path.read_bytes() == (
@@ -50,11 +50,7 @@ def test_layout_is_length_then_values_little_endian(tmp_path):
         + bytes.fromhex("000000000000e03f")
     )
     whole, fraction = read_arrays(path, (int, float))
-    assert whole.tolist() == [1, -2]
-    assert fraction.tolist() == [0.5]
-
-
-def test_mesh_round_trip(tmp_path):
+    assert whole.tolist() == [1, -2] and fraction.tolist() == [0.5]
     mesh = flap_mesh()
     write_mesh(tmp_path / "mesh.bin", mesh)
     again = read_mesh(tmp_path / "mesh.bin")
@@ -71,11 +67,8 @@ def test_state_round_trip(tmp_path, state, mixed):
         np.testing.assert_array_equal(getattr(again, field), getattr(state, field))
 
 
-def test_state_has_no_pressures_of_solids_unless_they_are_given(state):
+def test_pressures_of_solids_fit_their_mesh(state, tmp_path):
     assert state.ps.shape == (0, len(state.p))
-
-
-def test_pressure_of_a_solid_on_another_mesh_is_refused(tmp_path, state):
     path = tmp_path / "point-0001.bin"
     write_state(path, state)
     whole = path.read_bytes()
@@ -98,79 +91,39 @@ def test_truncated_file_is_refused(tmp_path, kept):
         read_mesh(path)
 
 
-def test_file_with_more_than_it_should_hold_is_refused(tmp_path):
-    path = tmp_path / "mesh.bin"
-    write_mesh(path, flap_mesh())
-    path.write_bytes(path.read_bytes() + b"\0" * 8)
-    with pytest.raises(RawFileError, match="8 bytes follow the last of 8 arrays"):
-        read_mesh(path)
-
-
-def test_other_version_is_refused(tmp_path):
-    path = tmp_path / "mesh.bin"
-    write_mesh(path, flap_mesh())
-    data = bytearray(path.read_bytes())
-    data[8] = 2
-    path.write_bytes(data)
-    with pytest.raises(RawFileError, match=r"header \[2, "):
-        read_mesh(path)
-
-
-def test_header_that_disagrees_with_the_arrays_is_refused(tmp_path):
+@pytest.mark.parametrize(("change", "message"), [
+    (lambda data: data.extend(b"\0" * 8), "8 bytes follow the last of 8 arrays"),
+    (lambda data: data.__setitem__(8, 2), r"header \[2, "),  # version
+    (lambda data: data.__setitem__(16, data[16] + 1), r"x has \d+ values, the header says"),  # nv
+    (lambda data: data.__setitem__(40, data[40] ^ 1), r"P2 nodes are used, the header says"),  # n2
+])  # fmt: skip
+def test_headers_that_disagree_with_the_file_are_refused(tmp_path, change, message):
     path = tmp_path / "mesh.bin"
     write_mesh(path, flap_mesh())
     data = bytearray(path.read_bytes())
-    data[16] += 1  # nv
+    change(data)
     path.write_bytes(data)
-    with pytest.raises(RawFileError, match=r"x has \d+ values, the header says"):
+    with pytest.raises(RawFileError, match=message):
         read_mesh(path)
 
 
-def test_header_with_another_number_of_quadratic_nodes_is_refused(tmp_path):
-    path = tmp_path / "mesh.bin"
-    write_mesh(path, flap_mesh())
-    data = bytearray(path.read_bytes())
-    data[40] ^= 1  # n2
-    path.write_bytes(data)
-    with pytest.raises(RawFileError, match=r"P2 nodes are used, the header says"):
-        read_mesh(path)
-
-
-def test_state_of_another_mesh_is_refused(tmp_path, state):
+def test_what_does_not_fit_a_mesh_is_refused(tmp_path, state):
     write_state(tmp_path / "point-0001.bin", dataclasses.replace(state, p=state.p[:-1]))
     with pytest.raises(RawFileError, match=r"p has \d+ values, the mesh has"):
         read_state(tmp_path / "point-0001.bin", flap_mesh())
-
-
-def test_value_that_is_not_finite_is_named(tmp_path, state):
     state.v[3, 1] = np.nan
     write_state(tmp_path / "point-0001.bin", state)
     with pytest.raises(RawFileError, match="vy has a value that is not finite, the first at node 3"):
         read_state(tmp_path / "point-0001.bin", flap_mesh())
-
-
-def test_vertex_number_out_of_range_is_refused():
     mesh = flap_mesh()
     with pytest.raises(RawFileError, match="triangles names a vertex outside"):
         dataclasses.replace(mesh, triangles=mesh.triangles + 1)
-
-
-def test_gap_in_the_quadratic_numbering_is_refused():
-    mesh = flap_mesh()
     with pytest.raises(RawFileError, match="without a gap"):
         dataclasses.replace(mesh, p2=mesh.p2 + 1)
-
-
-def test_nodes_of_edges_lie_at_their_ends_and_middle():
-    mesh = flap_mesh()
     first, second, middle = mesh.p2_coordinates[mesh.edge_nodes].transpose(1, 0, 2)
     np.testing.assert_array_equal(first, mesh.vertices[mesh.edges[:, 0]])
     np.testing.assert_array_equal(second, mesh.vertices[mesh.edges[:, 1]])
     np.testing.assert_allclose(middle, 0.5 * (first + second), rtol=0, atol=1e-16)
-
-
-def test_edge_that_is_no_side_is_refused():
-    mesh = flap_mesh()
     far = np.array([[0, len(mesh.vertices) - 1]])
     with pytest.raises(RawFileError, match="edge 0 is no side of any triangle"):
         _ = dataclasses.replace(mesh, edges=far, label=np.array([1])).edge_nodes

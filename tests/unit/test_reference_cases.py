@@ -56,21 +56,14 @@ def flap_problem(**changes) -> Problem:
     values = dict(
         name="flap", fluid=Fluid(density=1.0, viscosity=Newtonian(0.02)),
         boundaries=(
-            Boundary("inlet", 1, "inlet"),
-            Boundary("outlet", 2, "outlet"),
-            Boundary("walls", 3, "no-slip"),
-            Boundary("surface", 5, "interface", part="flap"),
-            Boundary("root", 6, "clamped"),
+            Boundary("inlet", 1, "inlet"), Boundary("outlet", 2, "outlet"), Boundary("walls", 3, "no-slip"),
+            Boundary("surface", 5, "interface", part="flap"), Boundary("root", 6, "clamped"),
         ),
         solids={2: Solid(2.0, StVenantKirchhoff(60.0, 30.0))}, gravity=(0.01, -0.05), outlet=Outlet("do-nothing"),
         mesh_motion=MeshMotion(stiffness_exponent=1.0, divergence_weight=1.0), inflow=flow_in(),
         mean_velocity=MEAN_VELOCITY, reference_length=0.5,
     )  # fmt: skip
     return Problem(**(values | changes))
-
-
-def in_roof(x, y):
-    return ROOF[0] < x < ROOF[1] and y > HEIGHT
 
 
 def roof_mesh(n=8):
@@ -89,7 +82,7 @@ def roof_mesh(n=8):
 
     def region(x, y):
         if y > HEIGHT:
-            return 3 if in_roof(x, y) else 0
+            return 3 if ROOF[0] < x < ROOF[1] else 0
         return 1 + in_block(x, y)
 
     y = np.concatenate([np.linspace(0, HEIGHT, n + 1), HEIGHT + ROOF[2] * np.array([0.5, 1.0])])
@@ -122,13 +115,10 @@ def channel_mesh(nx=6, ny=4, grading=1.0, region=1) -> RawMesh:
 
 
 def channel_problem(**changes) -> Problem:
-    """Plane channel flow."""
     values = dict(
         name="channel", fluid=Fluid(density=1.3, viscosity=Newtonian(0.05)),
         boundaries=(
-            Boundary("inlet", 1, "inlet"),
-            Boundary("outlet", 2, "outlet"),
-            Boundary("roof", 3, "no-slip"),
+            Boundary("inlet", 1, "inlet"), Boundary("outlet", 2, "outlet"), Boundary("roof", 3, "no-slip"),
             Boundary("floor", 4, "no-slip", part="floor"),
         ),
         outlet=Outlet("do-nothing"), inflow=flow_in(), mean_velocity=MEAN_VELOCITY, reference_length=LENGTH,
@@ -171,11 +161,9 @@ def bump_mesh(nx=16, ny=8) -> RawMesh:
 
 def bump_problem(**changes) -> Problem:
     boundaries = (
-        Boundary("inlet", 1, "inlet"),
-        Boundary("outlet", 2, "outlet"),
-        Boundary("walls", 3, "no-slip"),
+        Boundary("inlet", 1, "inlet"), Boundary("outlet", 2, "outlet"), Boundary("walls", 3, "no-slip"),
         Boundary("bump", 5, "no-slip", part="bump", circle=BUMP),
-    )
+    )  # fmt: skip
     return channel_problem(boundaries=boundaries, **changes)
 
 
@@ -184,9 +172,7 @@ def cantilever_problem(**changes) -> Problem:
     values = dict(
         name="cantilever", fluid=None,
         boundaries=(
-            Boundary("root", 1, "clamped"),
-            Boundary("tip", 2, "free"),
-            Boundary("top", 3, "free"),
+            Boundary("root", 1, "clamped"), Boundary("tip", 2, "free"), Boundary("top", 3, "free"),
             Boundary("bottom", 4, "free"),
         ),
         solids={2: Solid(1.5, StVenantKirchhoff(60.0, 30.0))}, gravity=(0.0, -1.0),
@@ -195,7 +181,6 @@ def cantilever_problem(**changes) -> Problem:
 
 
 def loaded_problem(**changes) -> Problem:
-    """The cantilever without its weight, pulled at its tip."""
     boundaries = (Boundary("root", 1, "clamped"), Boundary("tip", 2, "loaded"), *cantilever_problem().boundaries[2:])
     return cantilever_problem(**(dict(boundaries=boundaries, gravity=(0.0, 0.0), traction=(1.5, -0.8)) | changes))
 
@@ -211,12 +196,10 @@ def state_of(mesh, u=None, v=None, p=None) -> RawState:
 
 
 def check_state(problem, mesh, state, quantities, tolerance=check.TOLERANCE):
-    """Report on a steady state."""
     return check.check_state(System.build(problem, mesh), state, quantities, tolerance)
 
 
 def check_step(problem, mesh, old, new, step, quantities, tolerance=check.TOLERANCE, reservoir=0.0):
-    """Report on the time step from ``old`` to ``new``."""
     system = System.build(problem, mesh).stepping(old, step, reservoir)
     return check.check_state(system, new, quantities, tolerance)
 
@@ -240,16 +223,12 @@ def areas(mesh):
     return 0.5 * ((b - a)[0] * (c - a)[1] - (b - a)[1] * (c - a)[0])
 
 
-def test_meshes_cover_their_regions_with_positive_triangles():
-    mesh = flap_mesh()
-    block = (BLOCK[1] - BLOCK[0]) * BLOCK[2]
+def test_meshes_and_labels_cover_their_regions():
+    mesh, block = flap_mesh(), (BLOCK[1] - BLOCK[0]) * BLOCK[2]
     np.testing.assert_allclose(areas(mesh)[mesh.region == 2].sum(), block, rtol=1e-14)
     np.testing.assert_allclose(areas(mesh)[mesh.region == 1].sum(), LENGTH * HEIGHT - block, rtol=1e-14)
     for other in (mesh, channel_mesh(grading=2.0), bump_mesh()):
         assert areas(other).min() > 0.0
-
-
-def test_labels_cover_the_outline_and_the_interface():
     mesh = flap_mesh(8)
     lengths = np.linalg.norm(np.diff(mesh.vertices[mesh.edges], axis=1)[:, 0], axis=1)
     found = {int(label): float(lengths[mesh.label == label].sum()) for label in np.unique(mesh.label)}
@@ -258,23 +237,16 @@ def test_labels_cover_the_outline_and_the_interface():
     assert found.keys() == expected.keys()
     for label, length in expected.items():
         np.testing.assert_allclose(found[label], length, rtol=1e-14)
-
-
-def test_roof_covers_its_part_of_the_outline():
     mesh = roof_mesh(4)
     left, right, thickness = ROOF
     np.testing.assert_allclose(areas(mesh)[mesh.region == 3].sum(), (right - left) * thickness, rtol=1e-14)
     lengths = np.linalg.norm(np.diff(mesh.vertices[mesh.edges], axis=1)[:, 0], axis=1)
     found = {label: lengths[mesh.label == label].sum() for label in (7, 10, 11)}
     assert found == {7: right - left, 10: right - left, 11: 2 * thickness}
-
-
-def test_hole_leaves_no_unused_vertex():
     mesh = structured_mesh(
         np.linspace(0, 1, 5), np.linspace(0, 1, 5), lambda x, y: int(max(abs(x - 0.5), abs(y - 0.5)) > 0.25),
         lambda x, y: 1,
     )  # fmt: skip
-    assert len(mesh.triangles) == 24
-    assert (np.unique(mesh.triangles) == np.arange(len(mesh.vertices))).all()
+    assert len(mesh.triangles) == 24 and (np.unique(mesh.triangles) == np.arange(len(mesh.vertices))).all()
     # V - E + F = 0 for a ring: E from the P2 nodes, which are vertices and edges.
     assert len(mesh.vertices) - (mesh.n_p2 - len(mesh.vertices)) + len(mesh.triangles) == 0

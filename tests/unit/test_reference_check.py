@@ -41,9 +41,7 @@ def solved(problem, mesh):
     return problem, mesh, solution.state, {name: quantity.value for name, quantity in found.items()}
 
 
-@pytest.fixture(scope="module")
-def flap():
-    return solved(flap_problem(), flap_mesh())
+flap = pytest.fixture(lambda: solved(flap_problem(), flap_mesh()), scope="module")
 
 
 @pytest.fixture(scope="module")
@@ -63,14 +61,8 @@ def loaded():
     return solved(loaded_problem(solids=solids), channel_mesh(nx=12, region=2))
 
 
-@pytest.fixture(scope="module")
-def bump():
-    return solved(bump_problem(), bump_mesh())
-
-
-@pytest.fixture(scope="module")
-def cantilever():
-    return solved(cantilever_problem(), channel_mesh(nx=12, region=2))
+bump = pytest.fixture(lambda: solved(bump_problem(), bump_mesh()), scope="module")
+cantilever = pytest.fixture(lambda: solved(cantilever_problem(), channel_mesh(nx=12, region=2)), scope="module")
 
 
 def copy(state):
@@ -78,7 +70,6 @@ def copy(state):
 
 
 def failing(report):
-    """Names of the checks that failed."""
     return {name for text in report.failures if (name := text.split(":")[0]) != "recomputed"}
 
 
@@ -91,10 +82,7 @@ def largest(values, where):
 @pytest.mark.parametrize("case", ["flap", "hyperelastic_flap", "mixed_flap", "bump", "cantilever", "loaded"])
 def test_solution_passes(case, request):
     report = check_state(*request.getfixturevalue(case))
-    assert report.failures == []
-    assert report.passed
-    assert report.momentum < 1e-9
-    assert report.min_jacobian > 0.0
+    assert report.failures == [] and report.passed and report.momentum < 1e-9 and report.min_jacobian > 0.0
 
 
 def test_equations_that_a_scene_has_not_are_none(flap, mixed_flap, bump, cantilever, loaded):
@@ -104,11 +92,25 @@ def test_equations_that_a_scene_has_not_are_none(flap, mixed_flap, bump, cantile
         report = check_state(*case)
         return {name for name in wet | {"momentum", "incompressibility"} if getattr(report, name) is None}
 
-    assert absent(mixed_flap) == set()
-    assert absent(flap) == {"incompressibility"}
+    assert absent(mixed_flap) == set() and absent(flap) == {"incompressibility"}
     assert absent(bump) == {"kinematics", "mesh_motion", "incompressibility"}
-    assert absent(cantilever) == wet | {"incompressibility"}
-    assert absent(loaded) == wet
+    assert absent(cantilever) == wet | {"incompressibility"} and absent(loaded) == wet
+
+
+def lied(problem, mesh, state, field, place):
+    """The state with a thousandth more in one unknown, which is the largest at a place."""
+    rows = System.build(problem, mesh).rows
+    solid, fluid = (np.isin(np.arange(mesh.n_p2), mesh.p2[(mesh.region == 1) == wet]) for wet in (False, True))
+    places = {
+        "solid": solid & ~fluid & ~rows.u_given, "fluid": fluid & rows.mesh_motion,
+        "interface": solid & fluid & ~rows.u_given, "inlet": mesh.p2_coordinates[:, 0] == 0.0, "wet": ~rows.p_given,
+    }  # fmt: skip
+    changed = copy(state)
+    values = getattr(changed, field)
+    where = largest(values, places[place])
+    assert values[where] != 0.0
+    values[where] *= 1.001
+    return changed
 
 
 # What is changed by a thousandth of itself (at its largest value), and which checks must see it.
@@ -127,40 +129,24 @@ LIES = {
 def test_a_thousandth_of_one_unknown_is_seen(case, lie, request):
     problem, mesh, state, quantities = request.getfixturevalue(case)
     field, place, expected = LIES[lie]
-    rows = System.build(problem, mesh).rows
-    solid, fluid = (np.isin(np.arange(mesh.n_p2), mesh.p2[mesh.region == region]) for region in (2, 1))
-    places = {
-        "solid": solid & ~fluid, "fluid": fluid & ~solid & rows.mesh_motion, "interface": solid & fluid & ~rows.u_given,
-        "inlet": mesh.p2_coordinates[:, 0] == 0.0, "wet": ~rows.p_given,
-    }  # fmt: skip
-    changed = copy(state)
-    values = getattr(changed, field)
-    where = largest(values, places[place])
-    assert values[where] != 0.0
-    values[where] *= 1.001
-    report = check_state(problem, mesh, changed, quantities)
-    assert not report.passed
-    assert expected <= failing(report)
+    report = check_state(problem, mesh, lied(problem, mesh, state, field, place), quantities)
+    assert not report.passed and expected <= failing(report)
 
 
-@pytest.mark.parametrize(
-    ("case", "equation", "term", "expected"),
-    [
-        ("mixed_flap", "mesh_motion", "transposed", {"mesh_motion"}),
-        ("mixed_flap", "mesh_motion", "divergence", {"mesh_motion"}),
-        ("mixed_flap", "solid_momentum", "stress", {"momentum"}),
-        ("mixed_flap", "solid_momentum", "pressure", {"momentum"}),
-        ("mixed_flap", "incompressibility", "rest", {"incompressibility"}),
-        ("mixed_flap", "incompressibility", "du_x/dX", {"incompressibility"}),
-        ("loaded", "solid_momentum", "pressure", {"momentum"}),
-        ("loaded", "incompressibility", "rest", {"incompressibility"}),
-        ("loaded", "incompressibility", "du_y/dY", {"incompressibility"}),
-    ],
-)
+@pytest.mark.parametrize(("case", "equation", "term", "expected"), [
+    ("mixed_flap", "mesh_motion", "transposed", {"mesh_motion"}),
+    ("mixed_flap", "mesh_motion", "divergence", {"mesh_motion"}),
+    ("mixed_flap", "solid_momentum", "stress", {"momentum"}),
+    ("mixed_flap", "solid_momentum", "pressure", {"momentum"}),
+    ("mixed_flap", "incompressibility", "rest", {"incompressibility"}),
+    ("mixed_flap", "incompressibility", "du_x/dX", {"incompressibility"}),
+    ("loaded", "solid_momentum", "pressure", {"momentum"}),
+    ("loaded", "incompressibility", "rest", {"incompressibility"}),
+    ("loaded", "incompressibility", "du_y/dY", {"incompressibility"}),
+])  # fmt: skip
 @pytest.mark.parametrize("factor", [-1.0, 1.0001])
 def test_wrong_sign_or_factor_of_a_term_is_seen(case, equation, term, expected, factor, request, monkeypatch):
-    solution = request.getfixturevalue(case)
-    function = getattr(terms, equation)
+    solution, function = request.getfixturevalue(case), getattr(terms, equation)
 
     def wrong(*arguments):
         local = function(*arguments)
@@ -170,23 +156,17 @@ def test_wrong_sign_or_factor_of_a_term_is_seen(case, equation, term, expected, 
     assert failing(check_state(*solution)) - {"drag_difference", "lift_difference"} == expected
 
 
-def test_wrong_sign_of_a_solid_pressure_is_seen(mixed_flap, loaded):
+def test_wrong_pressures_velocities_and_prescribed_values_are_seen(mixed_flap, loaded, flap, bump):
     for case, expected in ((mixed_flap, {"momentum", "incompressibility"}), (loaded, {"momentum"})):
         problem, mesh, state, quantities = case
         changed = copy(state)
         changed.ps[:] *= -1.0
         assert failing(check_state(problem, mesh, changed, quantities)) == expected
-
-
-def test_pressure_of_the_fluid_in_place_of_that_of_the_solid_is_seen(mixed_flap):
     problem, mesh, state, quantities = mixed_flap
     both = ~System.build(problem, mesh).rows.p_given & System.build(problem, mesh).rows.incompressibility[0]
     changed = copy(state)
     changed.ps[0, both] = state.p[both]
     assert {"momentum", "incompressibility"} <= failing(check_state(problem, mesh, changed, quantities))
-
-
-def test_velocity_inside_the_solid_is_seen_by_the_kinematics_alone(flap):
     problem, mesh, state, quantities = flap
     changed = copy(state)
     only_solid = np.setdiff1d(mesh.p2[mesh.region == 2], mesh.p2[mesh.region == 1])
@@ -194,10 +174,6 @@ def test_velocity_inside_the_solid_is_seen_by_the_kinematics_alone(flap):
     rows = System.build(problem, mesh).rows
     assert rows.kinematics[only_solid[3]]
     assert failing(check_state(problem, mesh, changed, quantities)) == {"kinematics"}
-
-
-def test_prescribed_values_are_checked(flap, bump):
-    problem, mesh, state, quantities = flap
     wall = largest(mesh.p2_coordinates, System.build(problem, mesh).rows.v_given)[0]
     for field in ("u", "v"):
         changed = copy(state)
@@ -212,51 +188,35 @@ def test_prescribed_values_are_checked(flap, bump):
     assert "dirichlet" in failing(check_state(problem, mesh, changed, quantities))
 
 
-@pytest.mark.parametrize(
-    ("name", "check"),
-    [
-        ("drag", "drag_difference"),
-        ("lift", "lift_difference"),
-        ("drag_coefficient", "coefficient_difference"),
-        ("lift_coefficient", "coefficient_difference"),
-    ],
-)
+@pytest.mark.parametrize(("name", "check"), [
+    ("drag", "drag_difference"), ("lift", "lift_difference"), ("drag_coefficient", "coefficient_difference"),
+    ("lift_coefficient", "coefficient_difference"),
+])  # fmt: skip
 def test_reported_forces_are_checked(bump, name, check):
     problem, mesh, state, quantities = bump
     lied = quantities | {name: quantities[name] * (1 + 2e-8)}
     report = check_state(problem, mesh, state, lied)
-    assert failing(report) == {check}
-    assert getattr(report, check) == pytest.approx(2e-8, rel=1e-4)
+    assert failing(report) == {check} and getattr(report, check) == pytest.approx(2e-8, rel=1e-4)
     assert any(text.startswith("recomputed: drag ") for text in report.failures)
 
 
-def test_missing_and_undefined_forces_fail(bump):
+def test_missing_forces_and_moved_nodes_are_seen(bump, hyperelastic_flap, flap):
     problem, mesh, state, quantities = bump
     assert failing(check_state(problem, mesh, state, {})) == {"drag_difference", "lift_difference"}
     assert failing(check_state(problem, mesh, state, quantities | {"drag": math.nan})) == {"drag_difference"}
-
-
-def test_vanishing_drag_is_compared_on_the_scale_of_the_rounding_of_the_force():
     # Pressure of one pascal in a box pushes the floor down, without drag but for rounding.
     mesh = channel_mesh()
     walls = (Boundary("floor", 4, "no-slip", "floor"), *(Boundary(f"wall {k}", k, "no-slip") for k in (1, 2, 3)))
     problem = channel_problem(boundaries=walls)
     state = RawState(np.zeros((mesh.n_p2, 2)), np.zeros((mesh.n_p2, 2)), np.ones(len(mesh.vertices)))
     report = check_state(problem, mesh, state, {"drag": 3e-16, "lift": -2.0})
-    assert report.drag_difference < 1e-8
-    assert report.lift_difference < 1e-14
+    assert report.drag_difference < 1e-8 and report.lift_difference < 1e-14
     assert failing(check_state(problem, mesh, state, {"drag": 1e-12, "lift": -2.0})) == {"drag_difference"}
-
-
-def test_every_moved_node_inside_the_hyperelastic_mesh_is_seen(hyperelastic_flap):
     problem, mesh, state, quantities = hyperelastic_flap
     for node in np.flatnonzero(System.build(problem, mesh).rows.mesh_motion)[::17]:
         changed = copy(state)
         changed.u[node, 1] += 1e-6
         assert "mesh_motion" in failing(check_state(problem, mesh, changed, quantities))
-
-
-def test_solution_with_the_other_mesh_motion_is_refused(flap, hyperelastic_flap):
     for (problem, *_), (_, mesh, state, quantities) in ((flap, hyperelastic_flap), (hyperelastic_flap, flap)):
         assert failing(check_state(problem, mesh, state, quantities)) == {"mesh_motion"}
 
@@ -268,11 +228,10 @@ def test_inverted_triangle_fails(case, request):
     node = largest(mesh.p2_coordinates, System.build(problem, mesh).rows.mesh_motion)[0]
     changed.u[node] += 1.0
     report = check_state(problem, mesh, changed, quantities)
-    assert report.min_jacobian < 0.0
-    assert {"min_jacobian", "mesh_motion"} <= failing(report)
+    assert report.min_jacobian < 0.0 and {"min_jacobian", "mesh_motion"} <= failing(report)
 
 
-def test_solution_of_another_problem_is_refused(flap):
+def test_a_solution_does_not_solve_another_problem_or_fit_another_mesh(flap, mixed_flap, loaded):
     _, mesh, state, quantities = flap
     for changes, expected in (
         (dict(gravity=(0.01, -0.0501)), {"momentum"}),
@@ -282,9 +241,6 @@ def test_solution_of_another_problem_is_refused(flap):
         (dict(reference_length=0.51), {"coefficient_difference"}),
     ):
         assert expected <= failing(check_state(flap_problem(**changes), mesh, state, quantities))
-
-
-def test_solution_of_another_mixed_or_loaded_problem_is_refused(mixed_flap, loaded):
     for (problem, mesh, state, quantities), changes, expected in (
         (mixed_flap, dict(solids={2: Solid(2.0, NeoHookean(60.1, 30.0), "mixed")}), {"incompressibility"}),
         (mixed_flap, dict(solids={2: Solid(2.0, NeoHookean(-60.0, 30.0), "mixed")}), {"incompressibility"}),
@@ -301,19 +257,12 @@ def test_solution_of_another_mixed_or_loaded_problem_is_refused(mixed_flap, load
     ):
         report = check_state(dataclasses.replace(problem, **changes), mesh, state, quantities)
         assert failing(report) == expected, changes
-
-
-def test_state_of_another_mesh_is_an_error(flap):
     problem, _, state, quantities = flap
     with pytest.raises(ValueError, match="state of shapes"):
         check_state(problem, flap_mesh(4), state, quantities)
 
 
-# Run folders ----------------------------------------------------------------------------------------------------------
-
-
 def scene_mesh(scene):
-    """Coarse structured mesh of a flap-channel scene."""
     g = scene.geometry
     left, right, top = g.flap_left, g.flap_left + g.flap_width, g.flap_height
 
@@ -345,18 +294,14 @@ def run(tmp_path):
     return tmp_path, scene, outcome
 
 
-def test_run_folder_is_checked(run):
+def test_run_folders_are_checked_for_the_pressures_of_their_solids(run):
     directory, scene, outcome = run
     report = check_run(directory, scene, point=2)
-    assert report.failures == []
-    assert report.forces.total.residual[0] == outcome["quantities"]["drag"]
+    assert report.failures == [] and report.forces.total.residual[0] == outcome["quantities"]["drag"]
     assert report.forces.parts.keys() == {"flap"}
     outcome["quantities"]["drag"] *= 1.0 + 1e-6
     (directory / "point-0002.json").write_text(json.dumps(outcome))
     assert failing(check_run(directory, scene, point=2)) == {"drag_difference"}
-
-
-def test_state_with_the_pressures_of_other_solids_is_refused(run):
     directory, scene, _ = run
     mesh = read_mesh(directory / "mesh.bin")
     state = read_state(directory / "point-0002.bin", mesh)
@@ -374,22 +319,17 @@ def test_run_folder_of_a_mixed_scene_is_checked(tmp_path):
     write_state(tmp_path / "point-0001.bin", state)
     (tmp_path / "point-0001.json").write_text(json.dumps({"quantities": quantities}))
     report = check_run(tmp_path, scene)
-    assert report.failures == []
-    assert report.incompressibility < 1e-10
+    assert report.failures == [] and report.incompressibility < 1e-10
     write_state(tmp_path / "point-0001.bin", RawState(state.u, state.v, state.p))
     with pytest.raises(ValueError, match="the state has pressures of 0 mixed solids, the problem 1"):
         check_run(tmp_path, scene)
 
 
-def test_run_with_other_parameters_than_the_scene_is_refused(run):
+def test_run_folders_with_other_parameters_or_points_are_refused(run):
     directory, scene, _ = run
     other = with_values(scene, {"inflow.mean_velocity": 0.06})
     with pytest.raises(ValueError, match=r"the run used inflow\.mean_velocity = 0\.05 but the scene says 0\.06"):
         check_run(directory, other, point=2)
-
-
-def test_point_that_is_missing_is_an_error(run):
-    directory, scene, _ = run
     with pytest.raises(FileNotFoundError, match=r"point-0001\.json"):
         check_run(directory, scene)
 
@@ -409,8 +349,7 @@ def test_triangle_turned_inside_out_fails_whatever_the_residuals_say(jacobian):
 
     assert report(0.5, 1e-300).failures == []
     for jacobians in ((jacobian,), (0.5, jacobian), (jacobian, 0.5)):
-        assert failing(report(*jacobians)) == {"min_jacobian"}
-        assert not report(*jacobians).min_jacobian > 0.0
+        assert failing(report(*jacobians)) == {"min_jacobian"} and not report(*jacobians).min_jacobian > 0.0
         assert "in step 7" in report(*jacobians).failures[0]
 
 

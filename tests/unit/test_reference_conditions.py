@@ -43,13 +43,9 @@ SLOPE = 12.0 * VISCOSITY * MEAN_VELOCITY / HEIGHT**2  # of the pressure of plane
 WINDKESSEL = Outlet("windkessel", 0.4, resistance=1.5, distal=4.0, compliance=0.07)
 
 
-# Inlets ---------------------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("start", "inward", "label"),
-    [((0, 0), (1, 0), 1), ((LENGTH, HEIGHT), (-1, 0), 2), ((LENGTH, 0), (0, 1), 4), ((0, HEIGHT), (0, -1), 3)],
-)
+@pytest.mark.parametrize(("start", "inward", "label"), [
+    ((0, 0), (1, 0), 1), ((LENGTH, HEIGHT), (-1, 0), 2), ((LENGTH, 0), (0, 1), 4), ((0, HEIGHT), (0, -1), 3),
+])  # fmt: skip
 def test_inlet_of_any_direction(start, inward, label):
     # An unsymmetric profile tells both ends of the inlet from each other.
     mesh = channel_mesh()
@@ -58,17 +54,13 @@ def test_inlet_of_any_direction(start, inward, label):
     )
     inflow = Inflow(lambda s, time: (1.0 + time) * (s + s**2), start, inward)
     problem = channel_problem(boundaries=boundaries, inflow=inflow)
-    system = System.build(problem, mesh)
-    nodes = np.unique(mesh.edge_nodes[mesh.label == label])
+    system, nodes = System.build(problem, mesh), np.unique(mesh.edge_nodes[mesh.label == label])
     along = np.abs(mesh.p2_coordinates[nodes] - np.array(start)).sum(axis=1)  # both axes: one difference is zero
     ends = along == along.max()
     expected = ((along + along**2) * ~ends)[:, None] * np.array(inward)  # a wall wins at a common node
     np.testing.assert_allclose(system.rows.prescribed.v[nodes], expected, rtol=0, atol=1e-14)
     later = system.stepping(rest(system), Step(K, 0.5, 0.7)).rows.prescribed.v[nodes]
     np.testing.assert_allclose(later, 1.7 * expected, rtol=0, atol=1e-14)
-
-
-# Outlets: Poiseuille flow, which the elements hold exactly ------------------------------------------------------------
 
 
 def poiseuille_system(outlet, factor=None, density=1.3, mesh=None):
@@ -87,8 +79,7 @@ def poiseuille_system(outlet, factor=None, density=1.3, mesh=None):
 )
 def test_steady_pressure_at_the_outlet(outlet, pressure):
     system = poiseuille_system(outlet)
-    solution = solve(system, tolerance=1e-9)
-    nodes = system.mesh.p2_coordinates
+    solution, nodes = solve(system, tolerance=1e-9), system.mesh.p2_coordinates
     np.testing.assert_allclose(solution.state.v[:, 0], profile(nodes[:, 1]), rtol=0, atol=1e-8)
     np.testing.assert_allclose(solution.state.p, pressure + SLOPE * (LENGTH - system.mesh.vertices[:, 0]), rtol=1e-7)
     quantities = quantities_of(system, solution.state)
@@ -136,14 +127,12 @@ def test_fluid_rests_before_a_hydrostatic_outlet(outlet, gravity):
 
 def quasi_steady(outlet, theta_of, count, end=0.3, factor=None):
     """Pressures at the outlet, of the time n + theta, and of the reservoir in creeping flow, by steps from t = 0."""
-    system = poiseuille_system(outlet, factor, density=0.0)
-    k = end / count
+    system, k = poiseuille_system(outlet, factor, density=0.0), end / count
     theta = theta_of(k)
     flow = factor or (lambda time: 1.0)
     state, reservoir = (
-        state_of(system.mesh, v=lambda x: flow(0.0) * np.column_stack([profile(x[:, 1]), 0 * x[:, 1]])),
-        0.0,
-    )
+        state_of(system.mesh, v=lambda x: flow(0.0) * np.column_stack([profile(x[:, 1]), 0 * x[:, 1]])), 0.0,
+    )  # fmt: skip
     found = []
     for number in range(1, count + 1):
         step = Step(k, theta, number * k)
@@ -186,20 +175,13 @@ def test_windkessel_fills_like_its_differential_equation(theta_of, order):
     np.testing.assert_allclose(np.log2(np.abs(errors[0]) / np.abs(errors[1])), order, atol=0.3)
 
 
-def test_windkessel_at_rest_in_its_steady_state_stays():
+def test_outlets_and_supports_hold():
     last = WINDKESSEL.pressure + WINDKESSEL.distal * FLOW
     after = WINDKESSEL.reservoir_after(Step(K, 0.6, K), FLOW, FLOW, last)
     assert after == pytest.approx(last, rel=1e-14)
     assert WINDKESSEL.during(Step(K, 0.6, K), FLOW, FLOW, last) == pytest.approx(WINDKESSEL.steady(FLOW), rel=1e-14)
-
-
-# Backflow and support: their integrals --------------------------------------------------------------------------------
-
-
-def test_backflow_acts_where_the_flow_comes_back():
     # v_x = y - 1/2 comes back below the height 1/2, an edge's end; w = (1, 0) and w = (0, 1).
-    mesh = channel_mesh(6, 4)
-    outlet = Outlet("zero-traction", backflow=0.4)
+    mesh, outlet = channel_mesh(6, 4), Outlet("zero-traction", backflow=0.4)
     system = poiseuille_system(outlet, mesh=mesh)
     state = state_of(mesh, v=lambda x: np.column_stack([x[:, 1] - 0.5, 1.0 + x[:, 1]]))
     found = compute_residual(system, state).equations["momentum"].terms["backflow"].sum(axis=0)
@@ -210,20 +192,6 @@ def test_backflow_acts_where_the_flow_comes_back():
     np.testing.assert_allclose(found, expected, rtol=1e-12)
     away = state_of(mesh, v=lambda x: np.column_stack([0.1 + x[:, 1], 1.0 + x[:, 1]]))
     assert not compute_residual(system, away).equations["momentum"].terms["backflow"].any()
-
-
-def supported_block(**changes):
-    boundaries = (
-        Boundary("left", 1, "free"),
-        Boundary("right", 2, "free"),
-        Boundary("top", 3, "loaded"),
-        Boundary("bottom", 4, "supported"),
-    )
-    values = dict(boundaries=boundaries, gravity=(0.0, 0.0), traction=(0.0, -1.5), support=Support(20.0, 3.0))
-    return cantilever_problem(**(values | changes))
-
-
-def test_block_sinks_into_its_support():
     # Nothing else holds it, and it does not bulge: u_y at the bottom is the traction by the stiffness.
     mesh = channel_mesh(region=2)
     system = System.build(supported_block(solids={2: Solid(2.0, StVenantKirchhoff(0.0, 30.0))}), mesh)
@@ -232,9 +200,6 @@ def test_block_sinks_into_its_support():
     np.testing.assert_allclose(state.u[bottom, 1], -1.5 / 20.0, rtol=1e-9)
     force = compute_residual(system, state).equations["momentum"].terms["support"].sum(axis=0)
     np.testing.assert_allclose(force, [0.0, -1.5 * LENGTH], rtol=1e-10, atol=1e-10)
-
-
-def test_support_in_a_step_is_the_mean_of_both_ends():
     system, state = random_step(supported_block(), channel_mesh(region=2))
     found = compute_residual(system, state).equations["momentum"].terms["support"]
     step, old, mesh = system.increment.step, system.increment.old, system.mesh
@@ -245,6 +210,15 @@ def test_support_in_a_step_is_the_mean_of_both_ends():
     expected = np.zeros_like(found)
     np.add.at(expected, edges, mass @ force[edges])
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-14)
+
+
+def supported_block(**changes):
+    boundaries = (
+        Boundary("left", 1, "free"), Boundary("right", 2, "free"), Boundary("top", 3, "loaded"),
+        Boundary("bottom", 4, "supported"),
+    )  # fmt: skip
+    values = dict(boundaries=boundaries, gravity=(0.0, 0.0), traction=(0.0, -1.5), support=Support(20.0, 3.0))
+    return cantilever_problem(**(values | changes))
 
 
 # All of them together -------------------------------------------------------------------------------------------------
@@ -258,11 +232,10 @@ def vessel_problem(**changes):
         dataclasses.replace(b, role="supported") if b.role == "free" else b for b in roof_problem().boundaries
     )
     values = dict(
-        boundaries=boundaries,
-        support=HELD,
+        boundaries=boundaries, support=HELD,
         outlet=dataclasses.replace(WINDKESSEL, backflow=0.6, ramp=lambda time: 1.0 - 0.5 * math.exp(-5.0 * time)),
         inflow=flow_in(lambda time: math.cos(8.0 * time)),
-    )
+    )  # fmt: skip
     return roof_problem(**(values | changes))
 
 
@@ -304,22 +277,10 @@ def test_step_with_all_conditions_passes(vessel):
     assert abs(quantities["windkessel_new"] / quantities["windkessel_old"] - 1.0) > 0.01
 
 
-@pytest.mark.parametrize(
-    "changes",
-    [
-        dict(pressure=0.401),
-        dict(resistance=1.501),
-        dict(distal=4.01),
-        dict(compliance=0.0701),
-        dict(backflow=0.601),
-        dict(backflow=0.0),
-        dict(ramp=None),
-        dict(kind="resistance"),
-        dict(kind="do-nothing"),
-        dict(kind="zero-traction"),
-    ],
-    ids=str,
-)
+@pytest.mark.parametrize("changes", [
+    dict(pressure=0.401), dict(resistance=1.501), dict(distal=4.01), dict(compliance=0.0701), dict(backflow=0.601),
+    dict(backflow=0.0), dict(ramp=None), dict(kind="resistance"), dict(kind="do-nothing"), dict(kind="zero-traction"),
+], ids=str)  # fmt: skip
 def test_step_with_another_outlet_is_refused(vessel, changes):
     problem = vessel[0]
     other = dataclasses.replace(problem, outlet=dataclasses.replace(problem.outlet, **changes))
@@ -344,8 +305,7 @@ def test_reported_outlet_is_checked(vessel, name):
 
 def test_steady_solid_is_not_damped():
     held = Solid(2.0, StVenantKirchhoff(60.0, 30.0))
-    problem = supported_block(solids={2: held})
-    mesh = channel_mesh(region=2)
+    problem, mesh = supported_block(solids={2: held}), channel_mesh(region=2)
     states = [
         solve(System.build(dataclasses.replace(problem, support=Support(20.0, damping)), mesh)).state
         for damping in (0.0, 100.0)
@@ -364,8 +324,7 @@ def test_boundary_without_its_condition_is_refused(role):
 
 def test_complex_step_passes_the_kink_of_the_backflow():
     v = np.array([[[-0.3, 0.2], [0.5, 0.1], [0.2, -0.1]]])
-    change = v + 1j * 1e-30 * np.ones_like(v)
-    normal = np.array([[0.5, 0.1]])
+    change, normal = v + 1j * 1e-30 * np.ones_like(v), np.array([[0.5, 0.1]])
     slope = terms.backflow(1.0, normal, change).imag / 1e-30
     numeric = (terms.backflow(1.0, normal, v + 1e-6) - terms.backflow(1.0, normal, v - 1e-6)) / 2e-6
     np.testing.assert_allclose(slope, numeric, rtol=1e-5, atol=1e-8)

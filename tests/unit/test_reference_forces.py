@@ -48,9 +48,8 @@ def shear_flow(mesh, gravity):
 
 
 @pytest.mark.parametrize("form", ["surface", "residual"])
-def test_force_on_one_wall_of_a_deformed_box_is_exact(form):
-    gravity = np.array([0.3, -0.8])
-    mesh = channel_mesh()
+def test_forces_on_a_deformed_box_are_exact(form):
+    gravity, mesh = np.array([0.3, -0.8]), channel_mesh()
     acceleration, b, state = shear_flow(mesh, gravity)
     turned = ROTATION @ gravity
     forces = forces_of(box_problem(gravity=(turned[0], turned[1])), mesh, state)
@@ -59,19 +58,11 @@ def test_force_on_one_wall_of_a_deformed_box_is_exact(form):
     over_floor = DENSITY * gravity[0] * width**2 / 2
     over_left = DENSITY * (gravity[1] - acceleration) * height**2 / 2
     expected = {
-        "floor": np.array([VISCOSITY * b * width, -over_floor]),
-        "left": np.array([-over_left, VISCOSITY * b * height]),
-    }
+        "floor": np.array([VISCOSITY * b * width, -over_floor]), "left": np.array([-over_left, VISCOSITY * b * height]),
+    }  # fmt: skip
     for part, force in expected.items():
         np.testing.assert_allclose(ROTATION.T @ getattr(forces.parts[part], form), force, rtol=1e-13)
-
-
-@pytest.mark.parametrize("form", ["surface", "residual"])
-def test_force_on_all_boundaries_is_the_weight_minus_the_momentum_flux(form):
-    gravity = np.array([0.3, -0.8])
-    mesh = channel_mesh()
     acceleration, _, state = shear_flow(mesh, gravity)
-    turned = ROTATION @ gravity
     total = getattr(forces_of(box_problem(gravity=(turned[0], turned[1])), mesh, state).total, form)
     mass = DENSITY * np.linalg.det(DEFORMATION) * LENGTH * HEIGHT
     expected = mass * (gravity - np.array([0.0, acceleration]))
@@ -80,13 +71,11 @@ def test_force_on_all_boundaries_is_the_weight_minus_the_momentum_flux(form):
 
 def test_poiseuille_drag_of_the_floor_needs_the_rest_edges():
     mesh, problem = channel_mesh(), channel_problem()
-    system = System.build(problem, mesh)
-    slope = 6.0 * MEAN_VELOCITY / HEIGHT
+    system, slope = System.build(problem, mesh), 6.0 * MEAN_VELOCITY / HEIGHT
     state = state_of(
-        mesh,
-        v=lambda x: np.column_stack([slope * x[:, 1] * (1 - x[:, 1] / HEIGHT), 0 * x[:, 1]]),
+        mesh, v=lambda x: np.column_stack([slope * x[:, 1] * (1 - x[:, 1] / HEIGHT), 0 * x[:, 1]]),
         p=lambda x: 2 * VISCOSITY * slope / HEIGHT * (LENGTH - x[:, 0]),
-    )
+    )  # fmt: skip
     residual = compute_residual(system, state)
     force = compute_forces(system, state, residual).parts["floor"].residual
     weight = 2 * VISCOSITY * slope / HEIGHT * LENGTH**2 / 2
@@ -96,7 +85,7 @@ def test_poiseuille_drag_of_the_floor_needs_the_rest_edges():
     assert abs(without[0] / force[0] - 1.0) > 1e-2
 
 
-def test_total_force_on_every_boundary_of_a_solved_case_is_the_momentum_flux(flap):
+def test_forces_of_a_solved_flap_are_fluxes_and_reactions(flap):
     system, solution = flap
     boundaries = tuple(Boundary(b.name, b.label, b.role, b.name) for b in system.problem.boundaries)
     everything = System.build(flap_problem(boundaries=boundaries), system.mesh)
@@ -109,12 +98,7 @@ def test_total_force_on_every_boundary_of_a_solved_case_is_the_momentum_flux(fla
     inner = np.setdiff1d(np.arange(system.mesh.n_p2), np.unique(system.fluid.sides.nodes))
     np.testing.assert_allclose(residual.fluid_force[inner], 0.0, atol=1e-10)
     np.testing.assert_allclose(total, fluid_weight - convection, rtol=1e-9)
-
-
-def test_force_on_the_flap_is_the_reaction_at_its_root_less_its_weight(flap):
-    system, solution = flap
-    mesh = system.mesh
-    terms = solution.residual.equations["momentum"].terms
+    mesh, terms = system.mesh, solution.residual.equations["momentum"].terms
     root = np.unique(mesh.edge_nodes[mesh.label == 6])
     corners = np.intersect1d(root, mesh.edge_nodes[mesh.label == 5])
     # The solid is in balance: what the fluid's rows give to the interface, apart from the two corner nodes, the rest
@@ -133,7 +117,7 @@ def _fluid_gravity(system, state):
     return compute_residual(system, state).fluid_force - compute_residual(alone, state).fluid_force
 
 
-def test_both_forms_approach_each_other_and_the_residual_form_is_closer():
+def test_both_forms_approach_each_other_and_parts_add_up():
     found = []
     for n in (4, 8, 16):
         system = System.build(bump_problem(), bump_mesh(2 * n, n))
@@ -144,9 +128,6 @@ def test_both_forms_approach_each_other_and_the_residual_form_is_closer():
     gap = np.abs(surface - residual)
     assert (gap[1:] < gap[:-1] / 3.0).all()
     assert abs(residual[0] - residual[2]) < 0.15 * abs(surface[0] - residual[2])
-
-
-def test_parts_and_their_union():
     mesh = channel_mesh()
     state = RawState(np.zeros((mesh.n_p2, 2)), np.zeros((mesh.n_p2, 2)), np.ones(len(mesh.vertices)))
     forces = forces_of(box_problem(), mesh, state)
@@ -156,9 +137,6 @@ def test_parts_and_their_union():
         np.testing.assert_allclose(forces.parts[part].surface, force, rtol=0, atol=1e-14)
         np.testing.assert_allclose(forces.parts[part].residual, force, rtol=0, atol=1e-14)
     np.testing.assert_allclose(forces.total.residual, [0, 0], atol=1e-14)
-
-
-def test_scale_of_the_coefficients():
     system = System.build(channel_problem(), channel_mesh())
     assert coefficient_scale(system) == pytest.approx(0.5 * DENSITY * MEAN_VELOCITY**2 * LENGTH, rel=1e-15)
     assert coefficient_scale(System.build(channel_problem(mean_velocity=None), channel_mesh())) is None

@@ -18,37 +18,28 @@ from ffsi.scene import materials as scene_laws
 def test_every_case_is_known(name):
     scene = CASES[name]
     problem = problem_from_scene(scene)
-    assert problem.name == name
-    assert [b.label for b in problem.boundaries] == [b.label for b in boundaries(scene)]
+    assert problem.name == name and [b.label for b in problem.boundaries] == [b.label for b in boundaries(scene)]
     assert (problem.fluid is None) == (scene.fluid is None)
     assert list(problem.solids) == list(range(2, 2 + len(scene.solid)))
 
 
-def test_turek_fsi1_has_the_published_values():
+def test_turek_fsi1_has_the_published_values_in_their_places():
     problem = problem_from_scene(CASES["turek-fsi1"])
-    assert problem.fluid == Fluid(density=1000.0, viscosity=Newtonian(1.0))
-    assert problem.solids.keys() == {2}
+    assert problem.fluid == Fluid(density=1000.0, viscosity=Newtonian(1.0)) and problem.solids.keys() == {2}
     assert problem.solids[2].density == 1000.0
     material = problem.solids[2].material
     np.testing.assert_allclose([material.lame_lambda, material.lame_mu], [2e6, 0.5e6], rtol=1e-12)
-    assert problem.outlet.kind == "do-nothing"
-    assert problem.reference_length == 0.1
-    assert problem.mean_velocity == 0.2
+    assert problem.outlet.kind == "do-nothing" and problem.reference_length == 0.1 and problem.mean_velocity == 0.2
     np.testing.assert_allclose(problem.inflow.velocity(np.array([0.0, 0.205, 0.41]), 0.0), [0, 0.3, 0], atol=1e-15)
     circles = {b.name: b.circle for b in problem.boundaries if b.circle}
     assert circles == {"cylinder": (0.2, 0.2, 0.05), "root": (0.2, 0.2, 0.05)}
     assert problem.parts() == {"cylinder": [4], "beam": [5]}
-
-
-def test_values_reach_their_places():
     changes = {
         "gravity.x": 0.5, "gravity.y": -2.0, "mesh_motion.stiffness_exponent": 1.7, "outlet.kind": "zero-traction",
     }  # fmt: skip
     problem = problem_from_scene(with_values(CASES["flap-svk"], changes | {"mesh_motion.divergence_weight": 0.3}))
-    assert problem.gravity == (0.5, -2.0)
-    assert problem.mesh_motion == MeshMotion(1.7, 0.3, "hyperelastic")
-    assert problem.outlet.kind == "zero-traction"
-    assert problem.solids == {2: Solid(1.0, StVenantKirchhoff(8.0, 2.0))}
+    assert problem.gravity == (0.5, -2.0) and problem.mesh_motion == MeshMotion(1.7, 0.3, "hyperelastic")
+    assert problem.outlet.kind == "zero-traction" and problem.solids == {2: Solid(1.0, StVenantKirchhoff(8.0, 2.0))}
 
 
 @pytest.mark.parametrize("kind", ["harmonic", "linear-elastic", "hyperelastic"])
@@ -58,30 +49,10 @@ def test_mesh_motion_reaches_the_problem(kind):
     assert problem.mesh_motion == MeshMotion(1.0, 1.0, kind, 1.5)
 
 
-def test_traction_reaches_the_problem():
+def test_materials_loads_and_inflow_reach_the_problem():
     problem = problem_from_scene(with_values(CASES["cook"], {"traction.x": 0.5}))
-    assert problem.traction == (0.5, 4.0)
-    assert problem.labels("loaded") == [12]
+    assert problem.traction == (0.5, 4.0) and problem.labels("loaded") == [12]
     assert problem_from_scene(CASES["turek-csm1"]).traction == (0.0, 0.0)
-
-
-def test_two_solids_have_their_regions_in_the_order_of_the_scene():
-    problem = problem_from_scene(CASES["flap-mooney-rivlin-roof"])
-    assert problem.solids == {
-        2: Solid(1.0, MooneyRivlin(75.0, 100.0, 5.6)),
-        3: Solid(1.0, StVenantKirchhoff(8.0, 2.0)),
-    }
-    assert problem.labels("interface") == [5, 10]
-    assert problem.labels("clamped") == [6, 11]
-    assert problem.parts() == {"flap": [5]}
-    assert problem.mixed_regions == []
-
-
-def cook_of(law, **constants):
-    return CASES["cook"].model_copy(update={"solid": {"membrane": law(density=1.0, **constants)}})
-
-
-def test_formulations_reach_the_problem():
     neo = dict(material="neo-hookean", lame_mu=2.0)
     mooney = dict(material="mooney-rivlin", c10=3.0, c01=2.0)
     for scene, expected in (
@@ -93,9 +64,6 @@ def test_formulations_reach_the_problem():
         problem = problem_from_scene(scene)
         assert problem.solids == {2: Solid(1.0, expected, scene.solid["membrane"].formulation)}
         assert problem.mixed_regions == [2]
-
-
-def test_hyperelastic_materials_reach_the_problem():
     solids = {name: problem_from_scene(CASES[f"flap-{name}"]).solids for name in ("neo-hookean", "mooney-rivlin")}
     assert solids == {
         "neo-hookean": {2: Solid(1.0, NeoHookean(8.0, 2.0))},
@@ -104,19 +72,8 @@ def test_hyperelastic_materials_reach_the_problem():
     for name, solid in solids.items():
         lame_lambda, lame_mu = CASES[f"flap-{name}"].solid["flap"].lame
         assert solid[2].material.stiffness == pytest.approx(lame_lambda + 2 * lame_mu, rel=1e-14)
-
-
-def test_uniform_profile_has_a_value_per_node():
     problem = problem_from_scene(with_values(CASES["flap-svk"], {"inflow.profile": "uniform"}))
     np.testing.assert_array_equal(problem.inflow.velocity(np.array([0.1, 0.2]), 0.0), [0.12, 0.12])
-
-
-def middle_of(problem, s=0.205):
-    """Velocity at one place of the inlet as a function of the time."""
-    return lambda time: float(problem.inflow.velocity(np.array([s]), time)[0])
-
-
-def test_inflow_grows_with_the_ramp_and_swings_with_the_waveform():
     problem = problem_from_scene(CASES["turek-fsi2"])
     grown = middle_of(problem)
     assert [grown(t) for t in (0.0, 1.0, 2.0, 7.0)] == pytest.approx([0.0, 0.75, 1.5, 1.5], abs=1e-15)
@@ -125,34 +82,37 @@ def test_inflow_grows_with_the_ramp_and_swings_with_the_waveform():
     swung = middle_of(problem_from_scene(scene))
     assert swung(0.5) == pytest.approx(0.75 * math.sin(math.pi / 16), rel=1e-14)
     assert swung(4.0) == pytest.approx(1.5, rel=1e-14)
-
-
-def test_inflow_without_ramp_and_waveform_is_constant():
     changes = {"mesh_motion.kind": "harmonic", "time.step": 0.01, "time.end": 1.0}
     constant = middle_of(problem_from_scene(with_values(CASES["flap-svk"], changes)), 0.2)
     assert constant(0.0) == constant(0.7) == middle_of(problem_from_scene(CASES["flap-svk"]), 0.2)(0.0)
     assert constant(0.0) == pytest.approx(1.5 * 0.12, rel=1e-14)
 
 
-def test_solid_alone_has_neither_fluid_nor_inflow():
+def test_two_solids_their_inflow_and_what_is_unknown():
+    problem = problem_from_scene(CASES["flap-mooney-rivlin-roof"])
+    assert problem.solids == {
+        2: Solid(1.0, MooneyRivlin(75.0, 100.0, 5.6)), 3: Solid(1.0, StVenantKirchhoff(8.0, 2.0)),
+    }  # fmt: skip
+    assert problem.labels("interface") == [5, 10] and problem.labels("clamped") == [6, 11]
+    assert problem.parts() == {"flap": [5]} and problem.mixed_regions == []
     problem = problem_from_scene(CASES["turek-csm1"])
-    assert problem.fluid is None
-    assert problem.inflow is None
-    assert problem.outlet is None
+    assert problem.fluid is None and problem.inflow is None and problem.outlet is None
     assert problem.gravity == (0.0, -2.0)
-
-
-def test_unknown_material_is_refused():
     scene = CASES["flap-svk"]
     fake = SimpleNamespace(**{key: getattr(scene, key) for key in (*type(scene).model_fields, "physics", "outlets")})
     fake.solid = {"flap": SimpleNamespace(material="rubber", density=1.0)}
     fake.inflow = None
     with pytest.raises(ValueError, match=r"solid\.flap: the reference checker does not know the material 'rubber'"):
         problem_from_scene(fake)
-
-
-def test_parameters_are_compared_with_room_for_printing():
-    scene = CASES["flap-svk"]
     refuse_other_parameters(scene, {"fluid.viscosity": 1e-3 * (1 + 1e-12), "unknown.key": 5.0})
     with pytest.raises(ValueError, match=r"fluid\.viscosity = 0\.00100001 but the scene says 0\.001"):
         refuse_other_parameters(scene, {"fluid.viscosity": 1.00001e-3})
+
+
+def cook_of(law, **constants):
+    return CASES["cook"].model_copy(update={"solid": {"membrane": law(density=1.0, **constants)}})
+
+
+def middle_of(problem, s=0.205):
+    """Velocity at one place of the inlet as a function of the time."""
+    return lambda time: float(problem.inflow.velocity(np.array([s]), time)[0])

@@ -15,7 +15,6 @@ IN_TIME = {"time.step": 0.01, "time.end": 1.0}
 
 
 def mean_of(values):
-    """Mean over the height by Gauss points."""
     points, weights = np.polynomial.legendre.leggauss(200)
     return weights @ values(0.5 * HEIGHT * (points + 1.0)) / 2.0
 
@@ -30,7 +29,7 @@ def test_womersley_flow_has_the_waveform_as_its_flow_rate_and_rests_at_the_walls
     np.testing.assert_allclose(velocity(np.array([0.0, HEIGHT]), time), 0.0, atol=1e-14)
 
 
-def test_womersley_flow_solves_the_equation_of_momentum():
+def test_womersley_flow_and_the_series_of_a_scene():
     # dv/dt - nu d2v/ds2 is the pressure gradient, one number over the height.
     velocity = womersley(WAVEFORM, MEAN, HEIGHT, NU)
     s, k, h = np.linspace(0.002, 0.018, 9), 1e-4, 1e-5
@@ -39,33 +38,24 @@ def test_womersley_flow_solves_the_equation_of_momentum():
         curvature = (velocity(s + h, time) - 2 * velocity(s, time) + velocity(s - h, time)) / h**2
         gradient = acceleration - NU * curvature
         np.testing.assert_allclose(gradient, gradient.mean(), rtol=0, atol=1e-4 * np.abs(acceleration).max())
-
-
-def test_limits_of_womersley_flow():
-    one = Series(PERIOD, (0.0, 1.0), (0.0, 0.0))
-    s = np.linspace(0.0, HEIGHT, 11)
+    one, s = Series(PERIOD, (0.0, 1.0), (0.0, 0.0)), np.linspace(0.0, HEIGHT, 11)
     slow = womersley(one, MEAN, HEIGHT, 1e3 * NU)(s, 0.0)
     np.testing.assert_allclose(slow, 6 * MEAN * s * (HEIGHT - s) / HEIGHT**2, atol=1e-3 * MEAN)
     # A layer at the wall so thin that exp(b h) overflows.
     fast = womersley(one, MEAN, HEIGHT, 1e-14)(s, 0.0)
     np.testing.assert_allclose(fast[1:-1], MEAN, rtol=1e-3)
     np.testing.assert_allclose(fast[[0, -1]], 0.0, atol=1e-12)
+    scene = scene_of(inflow__waveform="mca")
+    series, inflow = scene.inflow.fourier, problem_from_scene(scene).inflow
+    angle = 2 * np.pi / series.period * 0.2 * np.arange(len(series.cosine))
+    waveform = np.cos(angle) @ np.array(series.cosine) + np.sin(angle) @ np.array(series.sine)
+    ramp, middle = 0.5 - 0.5 * math.cos(math.pi / 2), 1.5 * scene.inflow.mean_velocity
+    assert inflow.velocity(np.array([0.205]), 0.2)[0] == pytest.approx(ramp * waveform * middle, rel=1e-13)
 
 
 def scene_of(**changes):
     changes = {key.replace("__", "."): value for key, value in changes.items()}
     return with_values(CASES["turek-fsi3"], IN_TIME | {"inflow.ramp": 0.4} | changes)
-
-
-def test_series_of_a_scene_reaches_the_problem():
-    scene = scene_of(inflow__waveform="mca")
-    series = scene.inflow.fourier
-    inflow = problem_from_scene(scene).inflow
-    angle = 2 * np.pi / series.period * 0.2 * np.arange(len(series.cosine))
-    waveform = np.cos(angle) @ np.array(series.cosine) + np.sin(angle) @ np.array(series.sine)
-    ramp = 0.5 - 0.5 * math.cos(math.pi / 2)
-    middle = 1.5 * scene.inflow.mean_velocity
-    assert inflow.velocity(np.array([0.205]), 0.2)[0] == pytest.approx(ramp * waveform * middle, rel=1e-13)
 
 
 @pytest.mark.parametrize(
@@ -96,12 +86,8 @@ def test_outlets_and_support_of_a_scene_reach_the_problem():
     assert outlet == Outlet("windkessel", 5.0, 3.0, 4.0, 0.1, 0.5, outlet.ramp)
     roof = CASES["flap-neo-hookean-roof"]
     problem = problem_from_scene(with_values(roof, {"support.stiffness": 3.0, "support.damping": 0.2}))
-    assert problem.support == Support(3.0, 0.2)
-    assert problem.labels("supported") == [7] and not problem.labels("free")
+    assert problem.support == Support(3.0, 0.2) and problem.labels("supported") == [7] and not problem.labels("free")
     assert problem_from_scene(roof).support is None
-
-
-def test_womersley_profile_without_a_series_is_refused():
     scene = scene_of(inflow__waveform="mca", inflow__profile="womersley")
     wrong = scene.model_copy(update={"inflow": scene.inflow.model_copy(update={"period": None})})
     with pytest.raises(ValueError, match="needs a fluid and the Fourier series"):

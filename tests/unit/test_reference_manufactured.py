@@ -45,8 +45,7 @@ def points_of(system, elements):
 
 def work(system, region, force, stress, time):
     """Work (n2, 2) of a force per volume in a region and of the traction P N on the boundary of the region."""
-    mesh = system.mesh
-    elements = (system.fluid if region == 1 else system.solids[region]).elements
+    mesh, elements = system.mesh, (system.fluid if region == 1 else system.solids[region]).elements
     points = points_of(system, elements)
     values = force(points.reshape(-1, 2), time).reshape(points.shape)
     total = scatter(terms.against_value(values, elements), elements.nodes, mesh.n_p2)
@@ -55,9 +54,6 @@ def work(system, region, force, stress, time):
     tensor = stress(points.reshape(-1, 2), time).reshape(*points.shape, 2)
     local = np.einsum("q,qa,nqij,nj->nai", weights, line_basis(parameters)[0], tensor, sides.normal)
     return total + scatter(local, sides.nodes, mesh.n_p2)
-
-
-# Meshes and problems on the unit square -------------------------------------------------------------------------------
 
 
 def fluid_system(n, exact, law=None):
@@ -94,10 +90,8 @@ def both_system(n, exact, kind="harmonic", solid=None, slip=False):
     problem = Problem(
         name="both", fluid=Fluid(DENSITY, Newtonian(VISCOSITY)),
         boundaries=(
-            Boundary("walls", 1, "slip" if slip else "no-slip"),
-            Boundary("outlet", 2, "outlet"),
-            Boundary("interface", 5, "interface"),
-            Boundary("ends", 6, "slip" if slip else "clamped"),
+            Boundary("walls", 1, "slip" if slip else "no-slip"), Boundary("outlet", 2, "outlet"),
+            Boundary("interface", 5, "interface"), Boundary("ends", 6, "slip" if slip else "clamped"),
             Boundary("floor", 7, "free"),
         ),
         solids={2: solid or Solid(SOLID_DENSITY, StVenantKirchhoff(LAMBDA, MU))}, outlet=Outlet("zero-traction"),
@@ -107,18 +101,12 @@ def both_system(n, exact, kind="harmonic", solid=None, slip=False):
     return System.build(problem, structured_mesh(grid, grid, lambda x, y: 1 + (y < 0.5), label))
 
 
-# Errors and orders ----------------------------------------------------------------------------------------------------
-
-
 def nodal(system, exact, t):
-    """Nodal values of the exact fields at a time."""
     nodes, vertices = system.mesh.p2_coordinates, system.mesh.vertices
-    wet = system.rows.continuity
-    p = np.zeros(len(vertices))
+    wet, p = system.rows.continuity, np.zeros(len(vertices))
     if exact.p is not None:
         p[wet] = exact.p(exact.place(vertices[wet], t), t)
-    v = system.problem.manufactured.velocity(nodes, t)
-    pressed = system.rows.incompressibility
+    v, pressed = system.problem.manufactured.velocity(nodes, t), system.rows.incompressibility
     ps = exact.solid_pressure(vertices, t) * pressed if exact.solid_pressure is not None else np.zeros(pressed.shape)
     return RawState(exact.u(nodes, t), v, p, ps)
 
@@ -135,9 +123,6 @@ def assert_orders(errors, expected):
     """The last two of errors (sizes, quantities), after halving mesh or step, fall with the expected orders."""
     *_, coarse, fine = np.array(errors)
     np.testing.assert_allclose(np.log2(coarse / fine), expected, rtol=0, atol=0.25)
-
-
-# Fields ---------------------------------------------------------------------------------------------------------------
 
 
 def vortices(x):
@@ -184,9 +169,6 @@ LAWS = {
 }
 
 
-# Space ----------------------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("name", LAWS)
 def test_fluid_on_a_deformed_mesh_converges_in_space(name):
     law, viscosity = LAWS[name]
@@ -202,7 +184,7 @@ def test_fluid_on_a_deformed_mesh_converges_in_space(name):
     assert_orders(errors, [3, 2])
 
 
-def test_solid_converges_in_space():
+def test_solids_converge_in_space():
     exact = Exact(u=lambda x, t: 0.1 * waves(x), solid_velocity=lambda x, t: 0.0 * x + 0.0 * t)
     errors = []
     for n in (6, 12):
@@ -211,16 +193,12 @@ def test_solid_converges_in_space():
         errors.append([l2_error(system, system.solids[2].elements, state.u, lambda x: 0.1 * waves(x))])
     assert_orders(errors, [3])
 
-
-def test_mixed_solid_converges_in_space():
     def pressure(x, t):
         jacobian = det(np.eye(2) + gradient(lambda z: 0.1 * waves(z), x))
         return -LAMBDA * np.log(jacobian) / jacobian
 
     assert_orders(solid_errors(waves, pressure, Solid(SOLID_DENSITY, NeoHookean(LAMBDA, MU), "mixed")), [3, 2])
 
-
-def test_incompressible_solid_converges_in_space():
     def shear(x):
         return vector(3.0 * np.sin(1.5 * x[:, 1]), 0.0)
 

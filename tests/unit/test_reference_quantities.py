@@ -37,7 +37,7 @@ def found_of(problem, mesh, state):
     return recompute(system, state, compute_forces(system, state, compute_residual(system, state)))
 
 
-def test_displacement_is_quadratic_inside_a_triangle_and_on_an_edge():
+def test_displacements_and_pressures_are_interpolated():
     mesh = flap_mesh()
     state = state_of(mesh, u=lambda x: 1e-3 * np.column_stack([x[:, 0] ** 2 - x[:, 1], x[:, 0] * x[:, 1]]))
     solid = mesh.vertices[mesh.triangles[mesh.region == 2][0]]
@@ -47,19 +47,12 @@ def test_displacement_is_quadratic_inside_a_triangle_and_on_an_edge():
     for name, (x, y) in points.items():
         assert found[f"{name}_ux"].value == pytest.approx(1e-3 * (x**2 - y), rel=1e-12)
         assert found[f"{name}_uy"].value == pytest.approx(1e-3 * x * y, rel=1e-12)
-
-
-def test_pressures_of_a_linear_field():
     mesh = bump_mesh()
-    state = state_of(mesh, p=lambda x: 7.0 - 3.0 * x[:, 0])
-    problem = bump_problem()
+    state, problem = state_of(mesh, p=lambda x: 7.0 - 3.0 * x[:, 0]), bump_problem()
     found = found_of(problem, mesh, state)
     inlet, outlet = (mesh.edges[np.isin(mesh.label, problem.labels(role))] for role in ("inlet", "outlet"))
     length = mesh.vertices[outlet[0, 0], 0] - mesh.vertices[inlet[0, 0], 0]
     assert found["pressure_drop"].value == pytest.approx(3.0 * length, rel=1e-12)
-
-
-def test_front_and_back_of_a_cylinder():
     mesh, problem = channel_mesh(), channel_problem()
     # Two vertices of the floor, one diameter apart: the ends of a circle around the middle.
     floor = np.unique(mesh.vertices[np.unique(mesh.edges[mesh.label == 3]), 0])
@@ -84,9 +77,6 @@ def test_place_of_the_smallest_jacobian():
     gradient = 0.05 * np.array([[2 * x * math.sin(2 * y), 2 * math.cos(2 * y) * x**2], [0.0, -3 * y**2]])
     assert found["min_jacobian_solid"].value == pytest.approx(np.linalg.det(np.eye(2) + gradient), abs=2e-3)
     assert {f"min_jacobian_{name}_{c}" for name in ("flap", "fluid") for c in "xy"} <= found.keys()
-
-
-def test_of_equal_jacobians_either_place_is_right():
     mesh = flap_mesh()
     system = System.build(flap_problem(names={2: "flap"}), mesh)
     state = state_of(mesh)  # J = 1 everywhere
@@ -109,20 +99,15 @@ def test_unknown_missing_and_undefined_quantities_differ():
         assert not compare(known, {"tip_uy": wrong, "lift": 0.0}).difference <= 1e-8
         assert not compare(known, {"lift": 0.0, "tip_uy": wrong}).difference <= 1e-8
     worst = compare(known, {"tip_uy": 2.5, "lift": 1e-12})
-    assert worst.difference == pytest.approx(0.25)
-    assert worst.words == "tip_uy is reported as 2.5, recomputed 2"
+    assert worst.difference == pytest.approx(0.25) and worst.words == "tip_uy is reported as 2.5, recomputed 2"
     # Five newtons that cancel leave rounding.
     assert compare(known, {"lift": 4e-15}).difference < 1e-8 < compare(known, {"lift": 6e-15}).difference
-
-
-def test_relative_numbers():
     assert (relative(0.0, 0.0), relative(-1e-300, 0.0), relative(-3.0, 2.0)) == (0.0, math.inf, 1.5)
     assert math.isnan(relative(math.nan, 1.0)) and math.isnan(relative(1.0, math.nan))
     assert (largest([]), largest([1.0, 3.0])) == (0.0, 3.0)
     assert math.isnan(largest([1.0, math.nan])) and math.isnan(largest([math.nan, 1.0]))
     assert norm(np.array([3e-200, 4e-200])) == pytest.approx(5e-200)
-    assert norm(np.array([3e200, 4e200])) == pytest.approx(5e200)
-    assert norm(np.zeros((0, 2))) == 0.0
+    assert norm(np.array([3e200, 4e200])) == pytest.approx(5e200) and norm(np.zeros((0, 2))) == 0.0
     assert math.isnan(norm([1.0, math.nan])) and norm([1.0, math.inf]) == math.inf
 
 
@@ -142,8 +127,7 @@ def check(directory, scene, mesh, state, quantities):
 def test_every_quantity_of_a_steady_run_is_checked(tmp_path, steady):
     *folder, quantities = steady
     report = check(tmp_path, *folder, quantities)
-    assert report.failures == []
-    assert report.quantities_difference < 1e-15
+    assert report.failures == [] and report.quantities_difference < 1e-15
     names = {"drag_surface", "pressure_drop", "tip_ux", "tip_uy", "min_jacobian", "min_jacobian_flap_x"}
     assert names | {"min_jacobian_fluid_y", "min_jacobian_solid", "lift_surface"} <= quantities.keys()
     for name, value in quantities.items():
@@ -160,34 +144,12 @@ def test_every_quantity_of_a_steady_run_is_checked(tmp_path, steady):
     assert "viscous_drag is reported, which nobody recomputes" in report.failures[0]
 
 
-def test_a_reported_force_of_nothing_is_unknown():
+def test_quantities_of_rows_are_checked_and_forces_of_nothing_unknown(run):  # noqa: F811
     mesh = channel_mesh(region=2)  # a solid alone
     report = check_state(cantilever_problem(), mesh, state_of(mesh), {"drag": 0.0})
-    assert report.drag_difference is None
-    assert "(drag is reported, which nobody recomputes)" in report.failures[-1]
-
-
-# In time: the rows of the history -------------------------------------------------------------------------------------
-
-
-def lines_of(directory):
-    return (directory / "history.csv").read_text().splitlines()
-
-
-def changed(directory, lines):
-    (directory / "history.csv").write_text("\n".join(lines) + "\n")
-
-
-def with_cell(lines, row, name, value):
-    cells = lines[row].split(",")
-    cells[lines[0].split(",").index(name)] = value
-    return [*lines[:row], ",".join(cells), *lines[row + 1 :]]
-
-
-def test_every_quantity_of_a_checked_row_is_checked(run):  # noqa: F811
+    assert report.drag_difference is None and "(drag is reported, which nobody recomputes)" in report.failures[-1]
     directory, scene, entries = run
-    lines = lines_of(directory)
-    number = entries[0]["step"]
+    lines, number = lines_of(directory), entries[0]["step"]
     for name in ("drag", "lift", "tip_ux", "tip_uy", "min_jacobian", "kinetic", "elastic", "dissipated"):
         value = float(lines[number].split(",")[lines[0].split(",").index(name)])
         changed(directory, with_cell(lines, number, name, repr(value + 1e-6)))
@@ -204,27 +166,38 @@ def test_every_quantity_of_a_checked_row_is_checked(run):  # noqa: F811
     assert "(cost is reported, which nobody recomputes)" in check_run(directory, scene).failures[0]
 
 
-@pytest.mark.parametrize(
-    ("damage", "message"),
-    [
-        (lambda lines: [*lines[:2], *lines[3:]], r"row 2: a step of 0\.05 s from 0\.05 s does not end at 0\.15"),
-        (lambda lines: lines[:-1], r"no step 4, the last is 3"),
-        (lambda lines: lines[:1], r"no step 2, the last is 0"),
-        (lambda lines: [*lines[:3], lines[2], *lines[3:]], r"row 3: .* from 0\.1 s does not end at 0\.1 s"),
-        (lambda lines: [*lines, lines[-1]], r"row 5: .* does not end at"),
-        (lambda lines: [lines[0], lines[2], lines[1], *lines[3:]], r"row 1: a step of 0\.05 s from 0\.0 s"),
-        (lambda lines: with_cell(lines, 3, "tip_uy", "1x-3"), r"row 3: tip_uy = '1x-3' is no finite number"),
-        (lambda lines: with_cell(lines, 1, "drag", "nan"), r"row 1: drag = 'nan' is no finite number"),
-        (lambda lines: with_cell(lines, 1, "seconds", ""), r"row 1: seconds = '' is no finite number"),
-        (lambda lines: with_cell(lines, 3, "step", "0.04"), r"row 3: a step of 0\.04 s"),
-        (lambda lines: with_cell(lines, 3, "time", "0.16"), r"row 3: .* does not end at 0\.16 s"),
-        (lambda lines: [*lines[:2], lines[2] + ",1", *lines[3:]], r"row 2 has \d+ cells, the head \d+"),
-        (lambda lines: [*lines[:4], lines[4][:30]], r"row 4 has \d+ cells"),
-        (lambda lines: [lines[0].replace("time", "tome"), *lines[1:]], r"history\.csv: no column time"),
-        (lambda lines: [lines[0].replace("lift", "drag"), *lines[1:]], r"a column is there twice"),
-        (lambda lines: [], r"history\.csv: no (table|column)"),
-    ],
-)
+def lines_of(directory):
+    return (directory / "history.csv").read_text().splitlines()
+
+
+def changed(directory, lines):
+    (directory / "history.csv").write_text("\n".join(lines) + "\n")
+
+
+def with_cell(lines, row, name, value):
+    cells = lines[row].split(",")
+    cells[lines[0].split(",").index(name)] = value
+    return [*lines[:row], ",".join(cells), *lines[row + 1 :]]
+
+
+@pytest.mark.parametrize(("damage", "message"), [
+    (lambda lines: [*lines[:2], *lines[3:]], r"row 2: a step of 0\.05 s from 0\.05 s does not end at 0\.15"),
+    (lambda lines: lines[:-1], r"no step 4, the last is 3"),
+    (lambda lines: lines[:1], r"no step 2, the last is 0"),
+    (lambda lines: [*lines[:3], lines[2], *lines[3:]], r"row 3: .* from 0\.1 s does not end at 0\.1 s"),
+    (lambda lines: [*lines, lines[-1]], r"row 5: .* does not end at"),
+    (lambda lines: [lines[0], lines[2], lines[1], *lines[3:]], r"row 1: a step of 0\.05 s from 0\.0 s"),
+    (lambda lines: with_cell(lines, 3, "tip_uy", "1x-3"), r"row 3: tip_uy = '1x-3' is no finite number"),
+    (lambda lines: with_cell(lines, 1, "drag", "nan"), r"row 1: drag = 'nan' is no finite number"),
+    (lambda lines: with_cell(lines, 1, "seconds", ""), r"row 1: seconds = '' is no finite number"),
+    (lambda lines: with_cell(lines, 3, "step", "0.04"), r"row 3: a step of 0\.04 s"),
+    (lambda lines: with_cell(lines, 3, "time", "0.16"), r"row 3: .* does not end at 0\.16 s"),
+    (lambda lines: [*lines[:2], lines[2] + ",1", *lines[3:]], r"row 2 has \d+ cells, the head \d+"),
+    (lambda lines: [*lines[:4], lines[4][:30]], r"row 4 has \d+ cells"),
+    (lambda lines: [lines[0].replace("time", "tome"), *lines[1:]], r"history\.csv: no column time"),
+    (lambda lines: [lines[0].replace("lift", "drag"), *lines[1:]], r"a column is there twice"),
+    (lambda lines: [], r"history\.csv: no (table|column)"),
+])  # fmt: skip
 def test_history_with_a_damaged_row_is_refused(run, damage, message):  # noqa: F811
     directory, scene, _ = run
     changed(directory, damage(lines_of(directory)))
@@ -232,15 +205,11 @@ def test_history_with_a_damaged_row_is_refused(run, damage, message):  # noqa: F
         check_run(directory, scene)
 
 
-def test_rows_that_are_left_over_are_refused(run):  # noqa: F811
+def test_rows_that_do_not_belong_to_the_steps_are_refused(run):  # noqa: F811
     directory, scene, entries = run
     rewrite(directory, entries[:1])
     with pytest.raises(ValueError, match=r"history\.csv: 4 rows, but the last step is 2"):
         check_run(directory, scene)
-
-
-def test_step_that_is_not_that_of_its_row_is_refused(run):  # noqa: F811
-    directory, scene, entries = run
     rewrite(directory, [entries[0] | {"step": 3}, entries[1]])
     with pytest.raises(ValueError, match=r"row 3 is a step of 0\.05 s that ends at 0\.15\d* s; .* ends at 0\.1 s"):
         check_run(directory, scene)

@@ -28,16 +28,13 @@ from ffsi.reference.terms import step_stress
 def random_state(system, seed, size=0.006):
     rng, mesh = np.random.default_rng(seed), system.mesh
     shape = (mesh.n_p2, 2)
-    u = size * rng.normal(size=shape)
-    pressed = system.rows.incompressibility
+    u, pressed = size * rng.normal(size=shape), system.rows.incompressibility
     p = rng.normal(size=len(mesh.vertices))
     return RawState(u, rng.normal(size=shape), p, rng.normal(size=pressed.shape) * pressed)
 
 
 def random_step(problem, mesh):
-    """System of a step from a random state, and a random state at its end."""
-    system = System.build(problem, mesh)
-    step = Step(K, 0.7, 0.3)
+    system, step = System.build(problem, mesh), Step(K, 0.7, 0.3)
     return system.stepping(random_state(system, 1), step), random_state(system, 2)
 
 
@@ -184,11 +181,10 @@ def test_stress_of_a_step_that_turns_a_body_turns_with_it(material, theta):
     np.testing.assert_allclose(turned, rotation(0.4) @ found, rtol=0, atol=1e-13 * 60.0)
 
 
-def test_inertia_is_one_term_of_fluid_and_solids():
+def test_inertia_is_the_one_more_term():
     system, state = random_step(roof_problem(), roof_mesh(4))
     found = compute_residual(system, state).equations["momentum"].terms["inertia"]
-    old = system.increment.old
-    expected = np.zeros_like(found)
+    old, expected = system.increment.old, np.zeros_like(found)
     for part in (system.fluid, *system.solids.values()):
         new_at, old_at = Points(part.elements, state), Points(part.elements, old)
         factor = part.law.density
@@ -196,9 +192,6 @@ def test_inertia_is_one_term_of_fluid_and_solids():
             factor = factor * (0.7 * new_at.j + 0.3 * old_at.j)[..., None]
         expected += assemble(part.elements, len(found), factor * (new_at.v - old_at.v) / K)
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13 * np.abs(found).max())
-
-
-def test_other_equations_are_those_of_the_new_state():
     system, state = random_step(roof_problem(), roof_mesh(4))
     found = compute_residual(system, state).equations
     steady = compute_residual(System.build(system.problem, system.mesh), state).equations
@@ -219,7 +212,7 @@ def test_jacobian_of_a_step_is_the_derivative_of_its_residual(name):
     assert_jacobian_is_the_derivative(system, state, random_state(system, 8))
 
 
-def test_solid_alone_has_velocities_in_time():
+def test_solid_alone_has_velocities_and_inflow_its_time():
     mesh = channel_mesh(region=2)
     steady = System.build(cantilever_problem(), mesh)
     rows = steady.stepping(rest(steady), Step(K, THETA, K)).rows
@@ -227,9 +220,6 @@ def test_solid_alone_has_velocities_in_time():
     assert steady.rows.v_given.all() and not steady.rows.kinematics.any()
     for found, expected in ((rows.v_given, ~free), (rows.u_given, ~free), (rows.kinematics, free)):
         np.testing.assert_array_equal(found, expected)
-
-
-def test_inflow_is_that_of_the_new_time():
     problem, mesh = channel_problem(inflow=flow_in(beating)), channel_mesh()
     system = System.build(problem, mesh)
     inlet = mesh.p2_coordinates[:, 0] == 0.0
@@ -239,10 +229,9 @@ def test_inflow_is_that_of_the_new_time():
     np.testing.assert_array_equal(system.rows.prescribed.v[inlet, 0], heights)
 
 
-@pytest.mark.parametrize(
-    "numbers",
-    [(0.0, 0.5, 1.0), (-0.1, 0.5, 1.0), (0.1, 0.0, 1.0), (0.1, 1.1, 1.0), (math.nan, 1, 1), (0.1, 1, math.inf)],
-)
+@pytest.mark.parametrize("numbers", [
+    (0.0, 0.5, 1.0), (-0.1, 0.5, 1.0), (0.1, 0.0, 1.0), (0.1, 1.1, 1.0), (math.nan, 1, 1), (0.1, 1, math.inf),
+])  # fmt: skip
 def test_numbers_that_are_no_step_are_refused(numbers):
     with pytest.raises(ValueError, match="no time step"):
         Step(*numbers)

@@ -89,10 +89,9 @@ class Units:
         if p.inflow is not None:
             velocity = p.inflow.velocity
             scaled["inflow"] = dataclasses.replace(
-                p.inflow,
-                velocity=lambda s, time: velocity(s / self.length, time / self.time) * self.velocity,
+                p.inflow, velocity=lambda s, time: velocity(s / self.length, time / self.time) * self.velocity,
                 start=tuple(x * self.length for x in p.inflow.start),
-            )
+            )  # fmt: skip
         if (o := p.outlet) is not None:
             resistance, ramp = self.pressure / self.flow, o.ramp
             scaled["outlet"] = dataclasses.replace(
@@ -193,18 +192,13 @@ def test_numbers_of_a_step_are_free_of_units(still):
         assert found(Units(*units)) == pytest.approx(expected, rel=1e-9, abs=1e-12)
 
 
-# What has no size of its own ------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("units", UNITS)
 def test_noise_of_a_rest_is_no_error_and_a_motion_is(units):
-    units = Units(*units)
-    still = Inflow(lambda s, time: 0.0 * s)
+    units, still = Units(*units), Inflow(lambda s, time: 0.0 * s)
     stiff = {2: Solid(2.0, StVenantKirchhoff(60e9, 30e9))}
     rest, mesh = (
-        flap_problem(inflow=still, gravity=(0.0, 0.0), outlet=Outlet("pressure", 1e5), solids=stiff),
-        flap_mesh(6),
-    )
+        flap_problem(inflow=still, gravity=(0.0, 0.0), outlet=Outlet("pressure", 1e5), solids=stiff), flap_mesh(6),
+    )  # fmt: skip
     for size, passes in ((1e-13, True), (1e-4, False)):
         rng = np.random.default_rng(5)
         noise = size * rng.normal(size=(mesh.n_p2, 2)) * ~System.build(rest, mesh).rows.v_given[:, None]
@@ -213,7 +207,7 @@ def test_noise_of_a_rest_is_no_error_and_a_motion_is(units):
         assert (max(report.continuity, report.kinematics) <= 1e-8) == passes
 
 
-def test_a_constant_pressure_hides_no_wrong_velocity():
+def test_neither_pressure_nor_density_hides_what_is_wrong():
     for level in (0.0, 1e4, 1e8):
         problem, mesh = channel_problem(outlet=Outlet("pressure", level)), channel_mesh()
         state = solve(System.build(channel_problem(outlet=Outlet("pressure", 0.0)), mesh), tolerance=1e-9).state
@@ -226,9 +220,6 @@ def test_a_constant_pressure_hides_no_wrong_velocity():
         changed = compute_residual(System.build(problem, mesh), wrong).relative
         assert changed["momentum"] > 1e-6 or level == 1e8
         assert changed["continuity"] > 1e-6
-
-
-def test_a_heavy_solid_hides_no_wrong_flow():
     problem, mesh = flap_problem(), flap_mesh(6)
     heavy = dataclasses.replace(problem, solids={2: Solid(2e9, StVenantKirchhoff(60e9, 30e9))})
     system = System.build(heavy, mesh)

@@ -42,20 +42,14 @@ def test_shear_flow_on_a_deformed_mesh(law):
     np.testing.assert_allclose(shear.size, expected, rtol=1e-12)
 
 
-def test_flow_across_the_wall_has_no_part_in_it():
+def test_walls_are_wet_and_shown_alike_for_every_law():
     # v = (0, c y): a normal stress only.
     mesh = channel_mesh()
     state = state_of(mesh, v=lambda x: np.column_stack([0 * x[:, 1], 3.0 * x[:, 1]]))
     shear = wall_shear(System.build(channel_problem(), mesh), state)
     np.testing.assert_allclose(shear.stress, 0.0, atol=1e-14)
-
-
-def test_solid_alone_has_no_wet_wall():
     mesh = channel_mesh(region=2)
     assert wall_shear(System.build(cantilever_problem(), mesh), state_of(mesh)) is None
-
-
-def test_what_people_are_shown_is_the_same_for_every_law():
     rng = np.random.default_rng(1)
     for law in ("newtonian", "carreau"):
         scene = with_values(CASES["flap-svk"], CHANGES | {"fluid.law": law})
@@ -79,8 +73,7 @@ def test_run_whose_shear_stress_is_wrong_fails(tmp_path, monkeypatch):
     write_state(tmp_path / "point-0001.bin", state)
     (tmp_path / "point-0001.json").write_text(json.dumps({"quantities": quantities}))
     report = check_run(tmp_path, scene, shown=walls.shown_stress)
-    assert report.failures == []
-    assert report.wall_difference < 1e-12
+    assert report.failures == [] and report.wall_difference < 1e-12
     right = walls.wall_shear_stress
     monkeypatch.setattr(walls, "wall_shear_stress", lambda *arguments: 1.001 * right(*arguments))
     assert failing(check_run(tmp_path, scene, shown=walls.shown_stress)) == {"wall_difference"}
@@ -106,10 +99,9 @@ def cycle(start, end, integral, magnitude, peak):
     return WallCycle(4, start, end, NODES, integral * DIRECTIONS, magnitude * size, peak * size)
 
 
-def test_sums_of_a_cycle_are_those_of_its_steps():
+def test_sums_of_a_cycle_count_parts_of_steps():
     # From 0.5 to 2 the integral of t - 1 is 3/8, that of its size 5/8, exactly as steps end at the turn.
-    found = cycle(0.5, 2.0, 0.375, 0.625, 1.0)
-    steps = passages(0.0, 0.4, 1.0, 1.7, 2.0)
+    found, steps = cycle(0.5, 2.0, 0.375, 0.625, 1.0), passages(0.0, 0.4, 1.0, 1.7, 2.0)
     assert cycle_difference(found, steps) < 1e-14
     shuffled = WallCycle(
         4, 0.5, 2.0, NODES[[2, 0, 1]], found.integral[[2, 0, 1]], found.magnitude[[2, 0, 1]], found.peak[[2, 0, 1]]
@@ -123,15 +115,9 @@ def test_sums_of_a_cycle_are_those_of_its_steps():
         cycle(0.5, 2.0, math.nan, 0.625, 1.0),
     ):
         assert not cycle_difference(wrong, steps) < 1e-4
-
-
-def test_cut_step_counts_with_its_part():
     # The step from 1 to 2 is cut at 1.5.
     assert cycle_difference(cycle(1.0, 1.5, 0.125, 0.125, 0.5), passages(1.0, 2.0)) < 1e-14
     assert cycle_difference(cycle(1.0, 1.5, 0.125, 0.126, 0.5), passages(1.0, 2.0)) > 1e-3
-
-
-def test_of_a_part_of_the_steps_only_the_peak_is_compared():
     steps = passages(0.5, 0.6, 1.8)
     assert cycle_difference(cycle(0.5, 2.0, 99.0, 99.0, 0.8), steps) < 1e-14
     assert cycle_difference(cycle(0.5, 2.0, 99.0, 99.0, 0.7), steps) == pytest.approx(0.1 / 0.8, rel=1e-12)
@@ -148,7 +134,7 @@ def written(path, *arrays):
     return path
 
 
-def test_file_of_a_cycle_is_read(tmp_path):
+def test_files_of_cycles_and_elastic_walls(tmp_path):
     found = cycle(0.5, 2.0, 0.375, 0.625, 1.0)
     arrays = [[1, 4, 3], [0.5, 2.0], NODES, *found.integral.T.copy(), found.magnitude, found.peak]
     path = written(tmp_path / "wall-0004.bin", *arrays)
@@ -156,9 +142,6 @@ def test_file_of_a_cycle_is_read(tmp_path):
     for wrong in ([[2, 4, 3], *arrays[1:]], [[1, 4, 2], *arrays[1:]], [*arrays[:-1], found.peak[:-1]]):
         with pytest.raises(ValueError, match=r"wall-0004\.bin: no sums of the wall shear stress"):
             read_cycle(written(path, *wrong))
-
-
-def test_elastic_walls_are_walls():
     mesh = flap_mesh(4)
     state = state_of(mesh, v=lambda x: x[:, ::-1])
     shear = wall_shear(System.build(flap_problem(), mesh), state)

@@ -4,7 +4,6 @@ import base64
 import io
 import re
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -12,7 +11,7 @@ import pytest
 from matplotlib.colors import to_rgb
 from matplotlib.quiver import Quiver
 from PIL import Image
-from run_folders import FakeCheck, FakeFreeFEM, exact, given_state, make_run, structured_mesh
+from run_folders import exact, given_state, make_run, structured_mesh
 
 from ffsi.files.errors import InputError
 from ffsi.hemodynamics.result import Result, load_result
@@ -21,7 +20,7 @@ from ffsi.report.blocks import Picture
 from ffsi.result import gradients, pictures
 from ffsi.result.fields import Fields
 from ffsi.result.words import tally
-from ffsi.run import chain, execute, one_scene, sweep
+from ffsi.run import one_scene, sweep
 from ffsi.scene import load_scene
 
 KEY = "inflow.mean_velocity"
@@ -50,39 +49,27 @@ def colours(image: np.ndarray) -> int:
 @pytest.mark.parametrize("name", ["velocity", "pressure", "displacement"])
 def test_pictures_show_something(fields, name):
     image = pixels(pictures.draw(name, fields, "title"))
-    assert colours(image) > 300
-    assert (image.min(axis=2) < 200).mean() > 0.05
+    assert colours(image) > 300 and (image.min(axis=2) < 200).mean() > 0.05
 
 
-def test_vorticity_is_that_on_the_deformed_mesh(fields):
+def test_pictures_lie_flat_on_the_deformed_mesh(fields):
     """A flow that is linear on the deformed mesh has one vorticity everywhere, whatever the mesh's motion."""
     x, y = fields.deformed.T
     turning = replace(fields, velocity=np.column_stack([3 * y - 1, 7 * x + y]))
-    found = gradients.vorticity(turning)
-    fluid = np.unique(fields.cells[fields.region == 1])
+    found, fluid = gradients.vorticity(turning), np.unique(fields.cells[fields.region == 1])
     np.testing.assert_allclose(found[fluid], 4.0, rtol=1e-10)
-    assert np.isnan(np.delete(found, fluid)).all()
-    assert colours(pixels(pictures.vorticity(fields))) > 100
+    assert np.isnan(np.delete(found, fluid)).all() and colours(pixels(pictures.vorticity(fields))) > 100
     stress = np.full(len(x), np.nan)
     stress[np.unique(fields.cells[fields.region == 2])] = 1.0
     _, bar = pictures.nodal(fields, stress, "effective stress (Pa)").axes
     assert bar.get_xlabel() + bar.get_ylabel() == "effective stress (Pa)"
     with pytest.raises(ValueError, match="no value of the stress"):
         pictures.nodal(fields, np.full(len(x), np.nan), "stress")
-
-
-def test_the_solid_has_its_neutral_colour_in_the_velocity(fields):
     solid = np.round(255 * np.array(to_rgb(pictures.SOLID_COLOURS[0])))
     image = pixels(pictures.velocity(fields))
     assert (np.abs(image - solid).max(axis=2) <= 2).mean() > 0.005
-
-
-def test_pictures_follow_the_deformation(fields):
     still = Fields(**{**vars(fields), "displacement": np.zeros_like(fields.displacement)})
     assert not np.array_equal(pixels(pictures.velocity(still)), pixels(pictures.velocity(fields)))
-
-
-def test_a_long_domain_gets_a_flat_picture_with_undistorted_axes(fields):
     figure = pictures.velocity(fields)
     pictures.to_png(figure)  # lays it out
     width, height = figure.get_size_inches()
@@ -129,39 +116,26 @@ def test_a_folded_mesh_is_drawn(fields):
 @pytest.mark.parametrize("value", [1e-9, 1e9, 0.0])
 def test_a_constant_pressure_has_levels_of_its_size(value):
     levels, _ = pictures._pressure_levels(np.array([value, value * (1 + 1e-15)]))
-    assert levels[0] <= value <= levels[-1]
-    assert levels[-1] - levels[0] <= 2 * (value or 1.0)
+    assert levels[0] <= value <= levels[-1] and levels[-1] - levels[0] <= 2 * (value or 1.0)
 
 
-def test_available_pictures_follow_the_physics(fields):
+def test_available_pictures_their_levels_and_numbers(fields):
     fluid = Fields(**{**vars(fields), "region": np.ones_like(fields.region)})
     solid = Fields(**{**vars(fields), "region": np.full_like(fields.region, 2)})
     assert pictures.available(fields) == ["velocity", "pressure", "displacement"]
-    assert pictures.available(fluid) == ["velocity", "pressure"]
-    assert pictures.available(solid) == ["displacement"]
+    assert pictures.available(fluid) == ["velocity", "pressure"] and pictures.available(solid) == ["displacement"]
     for other in (fluid, solid):
         for name in pictures.available(other):
             assert colours(pixels(pictures.draw(name, other))) > 100
     with pytest.raises(ValueError, match="no picture 'pressure' of these fields; there is displacement"):
         pictures.draw("pressure", solid)
-
-
-def test_fields_at_rest_can_be_drawn(fields):
     zero = {name: np.zeros_like(getattr(fields, name)) for name in ("displacement", "velocity", "pressure")}
     for name in pictures.available(fields):
         assert colours(pixels(pictures.draw(name, Fields(**{**vars(fields), **zero})))) > 10
-
-
-def test_pressure_levels_are_round_and_symmetric_about_zero_if_it_changes_sign():
     levels, palette = pictures._pressure_levels(np.linspace(-1.0, 1.0, 1001))
-    assert palette == "RdBu_r"
-    assert levels[0] == -levels[-1]
+    assert palette == "RdBu_r" and levels[0] == -levels[-1]
     levels, palette = pictures._pressure_levels(np.append(np.linspace(0.0, 1.0, 1000), 1e6))
-    assert palette != "RdBu_r"
-    assert levels[-1] < 2.0
-
-
-def test_colour_bars_have_few_and_round_numbers():
+    assert palette != "RdBu_r" and levels[-1] < 2.0
     for step in (0.0025, 0.005, 0.01, 0.02):
         ticks = pictures._every_other(np.arange(-12, 14) * step)
         distance = ticks[1] - ticks[0]
@@ -170,7 +144,7 @@ def test_colour_bars_have_few_and_round_numbers():
         assert np.abs(ticks).min() == 0
 
 
-def test_arrows_point_along_the_flow_and_keep_off_the_solid(fields):
+def test_arrows_and_the_shape_before_the_deformation(fields):
     figure = pictures.velocity(fields)
     (arrows,) = [item for item in figure.axes[0].collections if hasattr(item, "U")]
     assert 20 < len(arrows.U) <= pictures._ARROWS
@@ -181,12 +155,8 @@ def test_arrows_point_along_the_flow_and_keep_off_the_solid(fields):
     flow = exact(np.asarray(arrows.X), np.asarray(arrows.Y))
     cosine = (arrows.U * flow["vx"] + arrows.V * flow["vy"]) / np.hypot(arrows.U, arrows.V)
     np.testing.assert_allclose(cosine, np.hypot(flow["vx"], flow["vy"]), rtol=0.02)
-
-
-def test_the_shape_before_the_deformation_is_one_dashed_line_around_each_solid(fields):
     loops = pictures._loops(pictures._outer_edges(fields, fields.region == 2))
-    assert len(loops) == 1
-    assert loops[0][0] == loops[0][-1]
+    assert len(loops) == 1 and loops[0][0] == loops[0][-1]
     corners = fields.points[loops[0]]
     np.testing.assert_allclose([corners.min(axis=0), corners.max(axis=0)], [[0.5, 0.0], [0.75, 0.2]])
     assert np.abs(np.diff(corners, axis=0)).sum() == pytest.approx(0.9)
@@ -202,33 +172,30 @@ def test_small_pictures_keep_their_limit_and_look_the_same(fields, maximum):
     assert np.abs(np.asarray(small, dtype=int) - there).mean() < 4
 
 
-def test_small_pictures_stay_white_where_they_are_white():
+def test_curves_stay_white_and_mark_what_failed():
     figure = curves.sweep_curves(table(min_jacobian=[0.9, 0.8, np.nan]), [KEY])
     image = np.asarray(Image.open(io.BytesIO(pictures.to_small_png(figure, maximum=60_000))).convert("RGB"))
     assert tuple(image[1, 1]) == (255, 255, 255)
-
-
-def table(**columns) -> pd.DataFrame:
-    points = {KEY: [0.01, 0.02, 0.03], "status": ["converged", "converged", "failed"]}
-    return pd.DataFrame(points | {"drag": [1.0, 2.0, np.nan], "lift": [0.1, 0.2, np.nan]} | columns)
-
-
-def test_sweep_curves_have_one_panel_per_quantity_and_mark_failures():
     figure = curves.sweep_curves(table(min_jacobian=[0.9, 0.8, np.nan], min_jacobian_solid=[0.9, 0.8, np.nan]), [KEY])
     shown = [axes for axes in figure.axes if axes.get_visible()]
     assert [axes.get_title(loc="left") for axes in shown] == ["Drag", "Lift", "Smallest J = det F"]
     np.testing.assert_allclose(shown[0].lines[0].get_xydata(), [[0.01, 1.0], [0.02, 2.0]])
     assert "not converged" in [text.get_text() for text in shown[0].get_legend().get_texts()]
-    assert shown[0].get_xlabel() == "mean inflow velocity (m/s)"
-    assert colours(pixels(figure)) > 50
-
-
-def test_sweep_curves_draw_one_line_per_other_value():
+    assert shown[0].get_xlabel() == "mean inflow velocity (m/s)" and colours(pixels(figure)) > 50
     both = pd.concat([table(**{"mesh.level": [0] * 3}), table(**{"mesh.level": [1] * 3})])
     figure = curves.sweep_curves(both, ["mesh.level", KEY])
     legend = figure.axes[0].get_legend()
     assert [text.get_text() for text in legend.get_texts()] == ["0", "1", "not converged"]
     assert legend.get_title().get_text() == "mesh level"
+    figure = curves.sweep_curves(table(roof_ux=[0.0, 0.1, np.nan], roof_uy=[0.1, 0.2, np.nan]), [KEY])
+    titles = [axes.get_title(loc="left") for axes in figure.axes]
+    roof = figure.axes[titles.index("Displacement of the roof's middle")]
+    assert [text.get_text() for text in roof.get_legend().get_texts()] == ["$u_x$", "$u_y$", "not converged"]
+
+
+def table(**columns) -> pd.DataFrame:
+    points = {KEY: [0.01, 0.02, 0.03], "status": ["converged", "converged", "failed"]}
+    return pd.DataFrame(points | {"drag": [1.0, 2.0, np.nan], "lift": [0.1, 0.2, np.nan]} | columns)
 
 
 def test_plot_takes_any_column_of_values():
@@ -237,8 +204,7 @@ def test_plot_takes_any_column_of_values():
     points = table(**values, **drags)
     for x, by in zip((*values, KEY), (KEY, *values), strict=True):
         figure = curves.plot(points, x, "drag", by)
-        assert figure.axes[0].get_ylabel() == "drag, mean (N/m)"
-        assert colours(pixels(figure)) > 20
+        assert figure.axes[0].get_ylabel() == "drag, mean (N/m)" and colours(pixels(figure)) > 20
     axes = curves.plot(points, "solid.flap.material", "drag_mean", units={"drag_mean": "kN/m"}).axes[0]
     assert axes.get_ylabel() == "drag, mean (kN/m)"
     assert [text.get_text() for text in axes.get_xticklabels()] == ["svk", r"\$", "unset"]
@@ -253,17 +219,22 @@ def test_plot_refuses_what_it_cannot_draw(y, said):
         curves.plot(table(), KEY, y)
 
 
-def test_many_lines_are_told_apart_by_a_scale():
+def test_scales_heat_maps_and_main_effects():
     many = pd.concat([table(**{"fluid.viscosity": 10.0**i}) for i in range(curves.MOST + 1)], ignore_index=True)
     figure = curves.plot(many, KEY, "drag", "fluid.viscosity")
     axes, bar = figure.axes
-    assert bar.get_ylabel() == "dynamic viscosity (Pa s)"
-    assert bar.get_yscale() == "log"
+    assert bar.get_ylabel() == "dynamic viscosity (Pa s)" and bar.get_yscale() == "log"
     assert [text.get_text() for text in axes.get_legend().get_texts()] == ["not converged"]
     assert len({line.get_color() for line in axes.lines if len(line.get_xdata()) == 2}) == curves.MOST + 1
-
-
-def test_two_keys_make_a_heat_map_and_a_design_its_main_effects():
+    short = table(**{KEY: [0.01, 0.05, 0.06], "drag": [3.0, 4.0, np.nan]})[[KEY, "status", "drag"]]
+    figure = curves.compare_sweeps({"long": table(), "short": short}, KEY, curves.PANELS)
+    drag, lift = figure.axes
+    assert [axes.get_title(loc="left") for axes in figure.axes] == ["Drag", "Lift"]
+    assert drag.get_xlim() == lift.get_xlim()
+    np.testing.assert_allclose(drag.lines[0].get_ydata(), [1.0, 2.0])
+    assert [line.get_linestyle() for line in drag.lines if len(line.get_xdata()) == 2] == ["-", "--"]
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["long", "short", "not converged"]
+    assert curves.compare_sweeps({"one": table(status=["failed"] * 3)}, KEY, curves.PANELS) is None
     both = pd.concat([table(**{"mesh.level": i, "drag": [i, 10 * i, np.nan]}) for i in (1, 2)], ignore_index=True)
     figure = curves.heat_maps(both, ["mesh.level", KEY])
     axes = figure.axes[0]
@@ -278,40 +249,15 @@ def test_two_keys_make_a_heat_map_and_a_design_its_main_effects():
     assert curves.main_effects(table(), [KEY]) is None
 
 
-def test_the_roof_has_a_panel_of_its_own():
-    figure = curves.sweep_curves(table(roof_ux=[0.0, 0.1, np.nan], roof_uy=[0.1, 0.2, np.nan]), [KEY])
-    titles = [axes.get_title(loc="left") for axes in figure.axes]
-    roof = figure.axes[titles.index("Displacement of the roof's middle")]
-    assert [text.get_text() for text in roof.get_legend().get_texts()] == ["$u_x$", "$u_y$", "not converged"]
-
-
-def test_compared_sweeps_share_axis_and_legend():
-    short = table(**{KEY: [0.01, 0.05, 0.06], "drag": [3.0, 4.0, np.nan]})[[KEY, "status", "drag"]]
-    figure = curves.compare_sweeps({"long": table(), "short": short}, KEY, curves.PANELS)
-    drag, lift = figure.axes
-    assert [axes.get_title(loc="left") for axes in figure.axes] == ["Drag", "Lift"]
-    assert drag.get_xlim() == lift.get_xlim()
-    np.testing.assert_allclose(drag.lines[0].get_ydata(), [1.0, 2.0])
-    assert [line.get_linestyle() for line in drag.lines if len(line.get_xdata()) == 2] == ["-", "--"]
-    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["long", "short", "not converged"]
-    assert curves.compare_sweeps({"one": table(status=["failed"] * 3)}, KEY, curves.PANELS) is None
-
-
-def test_points_that_were_not_tried_are_not_marked_as_failed():
+def test_failed_points_tiny_values_and_nothing_to_draw():
     both = table(status=["converged", "failed", "failed"], failure=["", "not-converged", "not-reached"])
     axes = curves.sweep_curves(both, [KEY]).axes[0]
     (marks,) = [line for line in axes.lines if line.get_marker() == "x"]
     assert marks.get_xdata().tolist() == [0.02]
-
-
-def test_tiny_values_get_a_common_power_of_ten():
     figure = curves.sweep_curves(table(lift=[1e-6, -9e-6, np.nan]), [KEY])
     pictures.to_png(figure, dpi=40)
     assert figure.axes[1].yaxis.get_offset_text().get_text() != ""
     assert figure.axes[0].yaxis.get_offset_text().get_text() == ""
-
-
-def test_nothing_to_draw():
     assert curves.sweep_curves(table()[:1], [KEY]) is None
     assert curves.sweep_curves(table(status=["failed"] * 3), [KEY]) is None
     empty = pd.DataFrame({"residual": [], "stage": [], "unknowns": [], "factorized": []})
@@ -320,41 +266,33 @@ def test_nothing_to_draw():
 
 def test_newton_history_is_logarithmic(tmp_path):
     figure = history.newton_history(load_result(make_run(tmp_path / "run")).history)
-    assert figure.axes[0].get_yscale() == "log"
-    assert colours(pixels(figure)) > 50
+    assert figure.axes[0].get_yscale() == "log" and colours(pixels(figure)) > 50
 
 
 def test_report_of_a_run(tmp_path):
     write_report([make_run(tmp_path / "run")], tmp_path / "report.html")
     html = (tmp_path / "report.html").read_text()
     assert html.count("data:image/png;base64,") == 7  # domain, five fields, Newton's history
-    assert len(html) < 1_000_000
-    assert not re.findall(r"(?:src|href)=\"(?!data:|#)", html)
+    assert len(html) < 1_000_000 and not re.findall(r"(?:src|href)=\"(?!data:|#)", html)
     for text in ("solved and checked", "<td>momentum</td>", "1.0e-11", "inflow.mean_velocity", "<td>drag</td>",
                  "Reynolds number", "<td>m/s</td>", "ffsi run flap-svk "):  # fmt: skip
         assert text in html
-    assert "Formulas: the paper and the standard form" in html
-    assert "ρ η ∂u<sub>t</sub>/∂n" in html
+    assert "Formulas: the paper and the standard form" in html and "ρ η ∂u<sub>t</sub>/∂n" in html
     assert "(0.01 m here)" in html
 
 
-def test_remarks_follow_the_material():
+def test_remarks_follow_material_and_density():
     topics = {
         name: {remark.topic: remark.here for remark in formulas.remarks(load_scene(name, []))}
         for name in ("flap-svk", "flap-neo-hookean", "flap-mooney-rivlin", "turek-fsi1", "turek-csm1")
     }
     assert topics["turek-fsi1"] == topics["turek-csm1"] == {}
     assert "compressible St. Venant-Kirchhoff law, Poisson's ratio 0.4" in topics["flap-svk"]["Volume of the solid"]
-    assert "Neo-Hookean energy" in topics["flap-neo-hookean"]
-    assert "Neo-Hookean energy" not in topics["flap-svk"]
+    assert "Neo-Hookean energy" in topics["flap-neo-hookean"] and "Neo-Hookean energy" not in topics["flap-svk"]
     assert "Young's modulus 48.1 Pa and Poisson's ratio −0.931" in topics["flap-mooney-rivlin"]["Bulk modulus"]
     stiff = formulas.remarks(load_scene("flap-mooney-rivlin", ["solid.flap.bulk_modulus=1.75e4"]))
     (bulk,) = [remark.here for remark in stiff if remark.topic == "Bulk modulus"]
-    assert "Poisson's ratio 0.49" in bulk
-    assert "slip" not in bulk
-
-
-def test_the_remark_about_the_density_follows_the_fluid():
+    assert "Poisson's ratio 0.49" in bulk and "slip" not in bulk
     assert "so the number is the same" in formulas.remarks(load_scene("flap-svk", []))[0].here
     assert "would differ by this factor" in formulas.remarks(load_scene("flap-svk", ["fluid.density=2"]))[0].here
 
@@ -362,8 +300,7 @@ def test_the_remark_about_the_density_follows_the_fluid():
 def test_formulas_belong_to_the_flap_only(tmp_path, quick, no_pictures):
     write_report([make_run(tmp_path / "run", case="turek-fsi1")], tmp_path / "report.html")
     html = (tmp_path / "report.html").read_text()
-    assert "Formulas" not in html
-    assert "14.29426" in html
+    assert "Formulas" not in html and "14.29426" in html
 
 
 def test_text_is_escaped_everywhere(tmp_path, quick):
@@ -374,20 +311,13 @@ def test_text_is_escaped_everywhere(tmp_path, quick):
     )  # fmt: skip
     write_report([path], tmp_path / "report.html", title=evil)
     html = (tmp_path / "report.html").read_text()
-    assert "<script>alert" not in html
-    assert html.count("&lt;script&gt;") >= 6
+    assert "<script>alert" not in html and html.count("&lt;script&gt;") >= 6
     write_report([path], tmp_path / "report.md", title=evil)
     assert not re.search(r"(?<!\\)<script", (tmp_path / "report.md").read_text())
 
 
-def test_report_of_a_sweep(tmp_path, quick, monkeypatch):
-    fake = FakeFreeFEM()
-    fake.fail = 0.03
-    monkeypatch.setattr(execute, "run_script", fake.run_script)
-    for module in (one_scene, chain, sweep):
-        monkeypatch.setattr(module, "find_freefem", lambda: SimpleNamespace(has_mumps=True))
-    monkeypatch.setattr(execute, "render", lambda scene, mumps: "// nothing\n")
-    monkeypatch.setattr("ffsi.reference.check_run", FakeCheck())
+def test_report_of_a_sweep(tmp_path, quick, freefem, check):
+    freefem.fail = 0.03
     scene = load_scene("flap-svk", ["mesh.level=0", "output.pictures=false"])
     sweep.sweep(scene, {KEY: [0.01, 0.02, 0.03]}, tmp_path / "sweep")
     write_report([tmp_path / "sweep"], tmp_path / "report.html")
@@ -397,8 +327,7 @@ def test_report_of_a_sweep(tmp_path, quick, monkeypatch):
         in html
     )
     assert "flap-svk, sweep over mean inflow velocity" in html
-    assert "2 of 3 points solved and checked; 1 not converged" in html
-    assert "J too small" in html
+    assert "2 of 3 points solved and checked; 1 not converged" in html and "J too small" in html
     assert "inflow.mean_velocity = 0.02" in html
     assert html.count("data:image/png;base64,") == 10  # curves, two points in the gallery, domain, five fields, Newton
     table = re.search(r'download="sweep.csv" href="data:text/csv;charset=utf-8;base64,([^"]+)"', html)
@@ -434,20 +363,16 @@ def test_only_what_was_checked_is_called_so(tmp_path, quick, freefem, check, no_
     assert '<span class="status bad">solved, not checked</span>' in (tmp_path / "report.html").read_text()
 
 
-@pytest.mark.parametrize(
-    ("failures", "checked", "words"),
-    [
-        (["", "", ""], [True, True, True], "all 3 points solved and checked"),
-        (["", None, ""], [True, False, True], "2 of 3 points solved and checked; 1 solved, not checked"),
-        (["crash", "check", "stopped"], [False] * 3,
-         "0 of 3 points solved and checked; 1 FreeFEM died; 1 failed the check; 1 stopped before its end"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("failures", "checked", "words"), [
+    (["", "", ""], [True, True, True], "all 3 points solved and checked"),
+    (["", None, ""], [True, False, True], "2 of 3 points solved and checked; 1 solved, not checked"),
+    (["crash", "check", "stopped"], [False] * 3,
+     "0 of 3 points solved and checked; 1 FreeFEM died; 1 failed the check; 1 stopped before its end"),
+])  # fmt: skip
 def test_a_tally_takes_the_table_s_word(failures, checked, words):
     status = ["failed" if failure else "converged" for failure in failures]
     table = pd.DataFrame({"status": status, "failure": failures, "checked": checked, "check_maximum": 1e-12})
-    assert tally(table) == (words, "all" in words)
-    assert tally(table, 5)[0].endswith("; 2 not computed")
+    assert tally(table) == (words, "all" in words) and tally(table, 5)[0].endswith("; 2 not computed")
 
 
 def test_warnings_and_what_could_not_be_evaluated_stand_in_the_report(tmp_path, quick, monkeypatch):

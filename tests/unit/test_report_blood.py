@@ -39,8 +39,7 @@ def vessel(directory: Path, cycles: int = 0) -> Path:
     if cycles:
         table["inflow"] |= {"waveform": "1 + sin(4 * pi * t)", "period": PERIOD}
         table |= {"time": {"step": 0.1, "end": 1.0}, "output": {"wall": {}}}
-    scene = Scene.model_validate(table)
-    mesh = channel()
+    scene, mesh = Scene.model_validate(table), channel()
     mesh = type(mesh)(**{**vars(mesh), "label": np.where(mesh.label == 4, 3, mesh.label)})
     write_mesh(directory / "mesh.bin", mesh)
     write_state(directory / "point-0001.bin", state(mesh, poiseuille(mesh.p2_coordinates[:, 1])))
@@ -77,7 +76,6 @@ def pictures(result: Result) -> list[tuple[Figure, str]]:
 
 
 def rows(text: str, heading: str) -> list[list[str]]:
-    """Return the cells of the table below a heading."""
     table = re.search(rf"<h3>{re.escape(heading)}</h3>.*?</table>", text, re.DOTALL)
     assert table is not None, heading
     lines = re.findall(r"<tr>.*?</tr>", table.group(), re.DOTALL)
@@ -96,7 +94,7 @@ def test_steady(tmp_path: Path) -> None:
     assert "Cycles" not in text
 
 
-def test_cycles(tmp_path: Path) -> None:
+def test_every_line_of_the_walls_has_a_curve(tmp_path: Path) -> None:
     text = report(tmp_path, vessel(tmp_path / "run", cycles=2))
     assert "relative residence time of cycle 2 along the walls" in text
     head, first, second = rows(text, "Cycles")
@@ -112,26 +110,20 @@ def test_cycles(tmp_path: Path) -> None:
         **{f"RRT {what} (1/Pa)": "50" for what in ("mean", "max", "min")}, "WSS peak (Pa)": "0.05",
     }  # fmt: skip
     assert ["flow_rate_in", "0.0625", "m²/s"] in rows(text, "Flow at t = 1 s")
-
-
-def test_each_line_of_the_walls_has_a_curve(tmp_path: Path) -> None:
-    ((figure, _),) = pictures(load_result(vessel(tmp_path / "run")))
+    ((figure, _),) = pictures(load_result(vessel(tmp_path / "other")))
     stress, pressure = figure.axes
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["0: walls", "1: walls"]
     assert [line.get_ydata() for line in stress.lines] == [pytest.approx(0.03)] * 2
     assert pressure.get_xlabel() == "distance along each wall in its direction, the fluid to the left (mm)"
 
 
-def test_rounding_is_not_drawn_as_a_curve() -> None:
+def test_rounding_is_no_curve_and_the_flow_into_the_dome() -> None:
     arc = np.linspace(0, 1, 11)
     for size in (3.0, -3.0):
         table = pd.DataFrame({"arc": arc, "part": "walls", "wss": size + 1e-9 * arc})
         figure = walls.along_walls({"": table}, [("wss", "WSS (Pa)")])
         low, high = figure.axes[0].get_ylim()
         assert (low, high) == pytest.approx((size - 0.3, size + 0.3))
-
-
-def test_of_an_aneurysm_s_last_state_the_flow_into_the_dome() -> None:
     last = {"flow_rate_in": 1e-4, "dome_inflow": 2e-6, "turnover_time": 0.5, "effective_stress_max_dome": 7.0, "x": 1.0}
     result: Any = SimpleNamespace(last_quantities=last, data={"time": {"reached": 2.0}})
     found = blood.flow_table(result)

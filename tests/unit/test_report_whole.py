@@ -98,8 +98,7 @@ def test_every_number_of_a_run_is_in_its_files(tmp_path, quick):
     write_report([run], tmp_path / "report.html")
     known = of_files(run) + of_point(load_result(run))
     found = shown((tmp_path / "report.html").read_text())
-    assert len(found) > 30
-    assert [where for number, where in found.items() if not traced(number, known)] == []
+    assert len(found) > 30 and [where for number, where in found.items() if not traced(number, known)] == []
     assert not traced("123.4567", known)
 
 
@@ -118,16 +117,13 @@ def test_every_number_of_a_sweep_is_in_its_files(tmp_path, quick, freefem, check
     assert "Over both varied values" in text and "J too small" in text
 
 
-def test_a_command_makes_the_same_scene_or_is_not_told():
+def test_commands_and_series_are_told_if_they_hold():
     settings = ["mesh.level=0", "inflow.mean_velocity=0.03", "outlet.kind=do-nothing", "output.vtu=false"]
     changed = load_scene("flap-svk", settings)
     assert (
         scene.command(changed) == "flap-svk --set mesh.level=0 --set inflow.mean_velocity=0.03 --set output.vtu=false"
     )
     assert scene.command(changed.model_copy(update={"name": "own"})) is None
-
-
-def test_a_series_of_meshes_tends_to_its_limit():
     h = [0.4, 0.2, 0.1]
     order, value = limit(h, [3 + 5 * size**2.5 for size in h])
     assert (order, value) == (pytest.approx(2.5), pytest.approx(3))
@@ -165,8 +161,7 @@ def test_a_run_that_was_killed_is_shown_as_far_as_it_got(tmp_path, quick, in_tim
     write_report([tmp_path / "run"], tmp_path / "report.html")
     text = (tmp_path / "report.html").read_text()
     assert "it has not ended, or was ended from outside" in text
-    assert '<span class="status bad">stopped before its end</span>' in text
-    assert "t = 1.2 of 2 s, 24 steps" in text
+    assert '<span class="status bad">stopped before its end</span>' in text and "t = 1.2 of 2 s, 24 steps" in text
     assert "data:image/gif;base64," in text
     history = pd.read_csv(tmp_path / "run" / "history.csv")
     assert f"{history['tip_uy'].iloc[-1]:.8g}" in text
@@ -183,8 +178,7 @@ def test_runs_stand_beside_each_other(tmp_path, quick):
     text = (tmp_path / "report.html").read_text()
     table = text[text.index("Scenes side by side") : text.index("Scenes side by side") + 4000]
     assert "st-venant-kirchhoff" in table and "neo-hookean" in table
-    assert text.index("Quantities side by side") < text.index('id="s2"')
-    assert "A. Person" in text
+    assert text.index("Quantities side by side") < text.index('id="s2"') and "A. Person" in text
 
 
 def test_a_report_leaves_out_what_makes_it_large(tmp_path, quick, monkeypatch):
@@ -223,8 +217,7 @@ def test_a_browser_shows_and_prints_it(tmp_path, monkeypatch, in_time, check):
             page.width(width)
             page.open(tmp_path / "report.html")
             assert page.value(DRAWN), "a field was not drawn"
-            assert page.value("document.documentElement.scrollWidth") <= width
-            assert page.value(BEYOND) == []
+            assert page.value("document.documentElement.scrollWidth") <= width and page.value(BEYOND) == []
             assert page.value(OVERLAP) == []
             assert page.value("[...document.images].every(image => image.complete && image.naturalWidth > 0)")
         assert page.value(LOOK).startswith("x = ")
@@ -234,9 +227,7 @@ def test_a_browser_shows_and_prints_it(tmp_path, monkeypatch, in_time, check):
         for width, tables in ((687, ".scroll:not(.wide)"), (1016, ".scroll.wide")):  # A4 between its margins, both ways
             page.width(width)
             assert page.value(CUT.replace("TABLES", tables)) == []
-        assert page.pdf().startswith(b"%PDF")
-        assert page.complaints == []
-        assert page.requests == []
+        assert page.pdf().startswith(b"%PDF") and page.complaints == [] and page.requests == []
 
 
 DRAWN = """(async () => { for (let i = 0; i < 300; i++) {

@@ -48,29 +48,25 @@ FREQUENCIES = {"turek-fsi2": 1.9, "turek-fsi3": 5.5, "turek-csm3": 1.1, "turek-c
 @pytest.mark.parametrize("name", IN_TIME)
 def test_the_catalogue_is_resolved_at_its_own_steps(name: str) -> None:
     scene = CASES[name]
-    assert warnings(scene) == ""
-    assert warnings(scene, history_of(scene, FREQUENCIES.get(name, 1.4))) == ""
+    assert warnings(scene) == "" and warnings(scene, history_of(scene, FREQUENCIES.get(name, 1.4))) == ""
     assert resolution.of_scene(scene) == []
 
 
-@pytest.mark.parametrize(
-    ("name", "overrides", "frequency", "words"),
-    [
-        ("turek-csm3", ["time.step=0.08"], 1.1, ["damps the motion: tip_uy", "time.step = 0.021"]),
-        ("turek-csm3", ["time.step=0.08", "time.scheme=crank-nicolson"], 1.1, ["the motion: tip_u", "time.step ="]),
-        ("turek-csm3", ["time.step=0.01", "time.scheme=backward-euler"], 1.1, ["damps", "shifted-crank-nicolson"]),
-        ("turek-fsi3", ["time.step=0.08"], 0.0, ["a vortex street", "(3.1 steps)", "time.step = 0.019"]),
-        ("turek-fsi3", ["time.step=0.04", "geometry.beam.thickness=0.01"], 0.0, ["a vortex street"]),
-        ("turek-fsi3", ["time.step=0.02"], 5.5, ["damps the motion: tip_uy"]),
-        ("turek-fsi3", ["inflow.ramp=0.005"], 0.0, ["1 steps for the inflow's ramp", "inflow.ramp = 0.033"]),
-        ("turek-fsi3", ["inflow.ramp=0.02"], 0.0, ["4 steps for the inflow's ramp", "time.step = 0.003"]),
-        ("aneurysm-pulsatile", ["time.step=0.0714", "inflow.ramp=none"], 0.0, ["the waveform of the inflow"]),
-        ("aneurysm-pulsatile", ["time.step=0.0357", "inflow.ramp=none"], 0.0, ["the waveform of the inflow"]),
-        ("turek-fsi3", ["inflow.waveform=1+0.1*sin(400*pi*t)"], 0.0, ["waveform", "do not follow it at all"]),
-        ("turek-fsi3", ["inflow.waveform=1+0.1*sin(200*pi*t)"], 0.0, ["waveform", "do not follow it at all"]),
-        ("turek-fsi3", ["inflow.waveform=1+0.5*sin(40*pi*t)"], 0.0, ["waveform", "error of about 3"]),
-    ],
-)
+@pytest.mark.parametrize(("name", "overrides", "frequency", "words"), [
+    ("turek-csm3", ["time.step=0.08"], 1.1, ["damps the motion: tip_uy", "time.step = 0.021"]),
+    ("turek-csm3", ["time.step=0.08", "time.scheme=crank-nicolson"], 1.1, ["the motion: tip_u", "time.step ="]),
+    ("turek-csm3", ["time.step=0.01", "time.scheme=backward-euler"], 1.1, ["damps", "shifted-crank-nicolson"]),
+    ("turek-fsi3", ["time.step=0.08"], 0.0, ["a vortex street", "(3.1 steps)", "time.step = 0.019"]),
+    ("turek-fsi3", ["time.step=0.04", "geometry.beam.thickness=0.01"], 0.0, ["a vortex street"]),
+    ("turek-fsi3", ["time.step=0.02"], 5.5, ["damps the motion: tip_uy"]),
+    ("turek-fsi3", ["inflow.ramp=0.005"], 0.0, ["1 steps for the inflow's ramp", "inflow.ramp = 0.033"]),
+    ("turek-fsi3", ["inflow.ramp=0.02"], 0.0, ["4 steps for the inflow's ramp", "time.step = 0.003"]),
+    ("aneurysm-pulsatile", ["time.step=0.0714", "inflow.ramp=none"], 0.0, ["the waveform of the inflow"]),
+    ("aneurysm-pulsatile", ["time.step=0.0357", "inflow.ramp=none"], 0.0, ["the waveform of the inflow"]),
+    ("turek-fsi3", ["inflow.waveform=1+0.1*sin(400*pi*t)"], 0.0, ["waveform", "do not follow it at all"]),
+    ("turek-fsi3", ["inflow.waveform=1+0.1*sin(200*pi*t)"], 0.0, ["waveform", "do not follow it at all"]),
+    ("turek-fsi3", ["inflow.waveform=1+0.5*sin(40*pi*t)"], 0.0, ["waveform", "error of about 3"]),
+])  # fmt: skip
 def test_steps_that_are_too_large(name: str, overrides: list[str], frequency: float, words: list[str]) -> None:
     scene = load_scene(name, overrides)
     said = warnings(scene, history_of(scene, frequency))
@@ -78,29 +74,27 @@ def test_steps_that_are_too_large(name: str, overrides: list[str], frequency: fl
         assert word in said
 
 
-@pytest.mark.parametrize(
-    "overrides",
-    [
-        ["inflow.ramp=0.05"],
-        ["inflow.waveform=1+0.5*sin(2*pi*t)"],
-        ["inflow.waveform=abs(sin(pi*t))"],
-        ['inflow.waveform="2"'],
-    ],
-)
+@pytest.mark.parametrize("overrides", [
+    ["inflow.ramp=0.05"], ["inflow.waveform=1+0.5*sin(2*pi*t)"], ["inflow.waveform=abs(sin(pi*t))"],
+    ['inflow.waveform="2"'],
+])  # fmt: skip
 def test_steps_that_are_small_enough(overrides: list[str]) -> None:
     assert warnings(load_scene("turek-fsi3", overrides)) == ""
 
 
-def test_a_smaller_step_as_advised_ends_the_warning() -> None:
+def test_sawtooths_and_steps_that_were_taken() -> None:
     for step in (0.2, 0.08, 0.03):
         scene = load_scene("turek-csm3", [f"time.step={step}"])
         said = warnings(scene, history_of(scene, 1.1))
         advised = min(float(part.split()[0]) for part in said.split("time.step = ")[1:])
         finer = load_scene("turek-csm3", [f"time.step={advised}"])
         assert warnings(finer, history_of(finer, 1.1)) == ""
-
-
-def test_sawtooth() -> None:
+    adaptive = load_scene("turek-csm3", ["time.step=0.1", "time.adaptive=true", "time.scheme=crank-nicolson"])
+    assert warnings(adaptive, history_of(adaptive, 1.1, step=0.005)) == ""
+    said = warnings(adaptive, history_of(adaptive, 1.1))
+    assert "time.step = " in said and "time.error" in said
+    ramp = load_scene("turek-fsi3", ["inflow.ramp=0.1", "time.step=0.05", "time.adaptive=true"])
+    assert "ramp" in warnings(ramp) and warnings(ramp, history_of(ramp, 0.0, step=0.005)) == ""
     scene = load_scene("turek-csm3", ["time.scheme=crank-nicolson"])
     history = history_of(scene, 0.5)
     assert warnings(scene, history) == ""
@@ -113,18 +107,7 @@ def test_sawtooth() -> None:
     assert warnings(scene, history.assign(tip_ux=1e-3 * zigzag)) == ""
 
 
-def test_the_steps_that_were_taken_count() -> None:
-    adaptive = load_scene("turek-csm3", ["time.step=0.1", "time.adaptive=true", "time.scheme=crank-nicolson"])
-    assert warnings(adaptive, history_of(adaptive, 1.1, step=0.005)) == ""
-    said = warnings(adaptive, history_of(adaptive, 1.1))
-    assert "time.step = " in said
-    assert "time.error" in said
-    ramp = load_scene("turek-fsi3", ["inflow.ramp=0.1", "time.step=0.05", "time.adaptive=true"])
-    assert "ramp" in warnings(ramp)
-    assert warnings(ramp, history_of(ramp, 0.0, step=0.005)) == ""
-
-
-def test_energy() -> None:
+def test_energy_of_rest_and_of_no_history() -> None:
     scene = CASES["turek-fsi3"]
     calm = history_of(scene, 5.5)
     assert warnings(scene, calm, 0.019) == ""
@@ -132,21 +115,14 @@ def test_energy() -> None:
         assert "the energy balance misses" in warnings(scene, calm, imbalance)
     # At rest there is but rounding, which balances nothing.
     rest = {"kinetic": 1e-8, "elastic": 0.0, "dissipated": 0.0, "work": 3e-8, "imbalance": 0.7}
-    assert resolution.of_history(scene, calm, rest) == []
-    assert resolution.of_history(scene, calm, {}) == []
+    assert resolution.of_history(scene, calm, rest) == [] and resolution.of_history(scene, calm, {}) == []
     assert "no number" in warnings(scene, calm, math.nan)
-
-
-def test_noise_of_a_rest_is_no_motion() -> None:
     scene = load_scene("turek-fsi3", ["inflow.mean_velocity=0", "inflow.ramp=none", "gravity.y=-9.81"])
     history = history_of(scene, 0.0).assign(drag=0.0, lift=0.0, tip_ux=0.0)
     zigzag = (-1.0) ** np.arange(len(history))
     assert warnings(scene, history.assign(tip_uy=1e-10 * zigzag, lift=1e-6 * zigzag)) == ""
     assert "tip_uy" in warnings(scene, history.assign(tip_uy=1e-6 * zigzag))
     assert "lift" in warnings(scene, history.assign(lift=1e-2 * zigzag))
-
-
-def test_no_history() -> None:
     assert resolution.of_history(CASES["turek-fsi3"], pd.DataFrame({"time": []}), energy_balance(pd.DataFrame())) == []
 
 
@@ -163,14 +139,11 @@ def test_units_do_not_matter(step: float) -> None:
         assert len(there.splitlines()) == count
 
 
-# Gravity at the outlet ------------------------------------------------------------------------------------------------
-
-
 def gravity(**values: float) -> dict[str, Any]:
     return {f"gravity.{key}": value for key, value in values.items()}
 
 
-def test_gravity_along_the_outlet() -> None:
+def test_gravity_along_the_outlet_and_hydrostatic_outlets() -> None:
     scene = with_values(CASES["cylinder-2d1"], gravity(y=-9.81))
     (text,) = resolution.of_scene(scene)
     assert "outlet.hydrostatic = true" in text
@@ -182,9 +155,6 @@ def test_gravity_along_the_outlet() -> None:
     # The aneurysm's outlet is horizontal.
     assert resolution.of_scene(with_values(CASES["aneurysm"], gravity(y=-9.81))) == []
     assert len(resolution.of_scene(with_values(CASES["aneurysm"], gravity(x=9.81)))) == 1
-
-
-def test_hydrostatic_outlet_needs_gravity() -> None:
     with pytest.raises(SceneError, match=r"outlet.hydrostatic = true: only accepted in a scene with a table gravity"):
         load_scene("cylinder-2d1", ["outlet.hydrostatic=true"])
     with pytest.raises(SceneError, match=r"outlet.hydrostatic = .* true or false"):
@@ -202,9 +172,7 @@ def test_every_kind_of_outlet_can_be_hydrostatic(kind: str) -> None:
     }.get(kind, {})
     values = {f"outlet.{key}": value for key, value in {"kind": kind, "hydrostatic": True, **keys}.items()}
     outlet = with_values(CASES["turek-fsi3"], {**values, **gravity(y=-2.0)}).outlet
-    assert outlet is not None
-    assert outlet.hydrostatic
-    assert outlet.kind == kind
+    assert outlet is not None and outlet.hydrostatic and outlet.kind == kind
 
 
 @pytest.mark.parametrize("angle", [0.0, 30.0])
@@ -231,9 +199,6 @@ def test_outlet_of_a_mesh_of_ones_own(tmp_path: Path, angle: float) -> None:
     assert resolution.of_scene(with_values(scene, along)) == []
 
 
-# Where it is read ---------------------------------------------------------------------------------------------------
-
-
 def test_warnings_go_into_the_result_its_last_lines_and_the_table(tmp_path: Path) -> None:
     scene = load_scene("turek-fsi3", ["time.step=0.08", "gravity.y=-9.81"])
     history = history_of(scene, 1.0).assign(min_jacobian=0.9, iterations=3, factorized=0, seconds=1.0)
@@ -241,8 +206,7 @@ def test_warnings_go_into_the_result_its_last_lines_and_the_table(tmp_path: Path
     point = Point(scene, tmp_path, 1, {"time.step": 0.08}, alone=False)
     data = point.collect(FreeFEMError("crash", "killed"))
     hydrostatic, *others = data["warnings"]
-    assert "outlet.hydrostatic" in hydrostatic
-    assert any("time.step = " in text for text in others)
+    assert "outlet.hydrostatic" in hydrostatic and any("time.step = " in text for text in others)
     result = Result(scene, tmp_path, data)
     assert show.summary(result)[-len(data["warnings"]) :] == [f"warning: {text}" for text in data["warnings"]]
     assert row(result, {"time.step": 0.08}, tmp_path)["warnings"] == "; ".join(data["warnings"])

@@ -45,14 +45,10 @@ def mixed() -> Fields:
     return Fields.from_raw(mesh, replace(given_state(mesh), ps=pressure), [2])
 
 
-def test_pressure_of_mixed_solids_is_linear_on_them_and_zero_elsewhere(mixed):
+def test_pressures_of_mixed_solids_are_kept_where_they_are(mixed, tmp_path, fields):
     inside = np.isin(np.arange(len(mixed.points)), mixed.cells[mixed.region == 2])
     np.testing.assert_allclose(mixed.solid_pressure[inside], 1.0 + mixed.points[inside] @ [2.0, 3.0], rtol=1e-14)
-    assert (mixed.solid_pressure[~inside] == 0.0).all()
-    assert inside.any() and not inside.all()
-
-
-def test_pressure_of_mixed_solids_is_kept_in_the_file(tmp_path, mixed, fields):
+    assert (mixed.solid_pressure[~inside] == 0.0).all() and inside.any() and not inside.all()
     write_vtu(tmp_path / "mixed.vtu", mixed)
     found = meshio.read(tmp_path / "mixed.vtu").point_data["solid_pressure"]
     np.testing.assert_array_equal(found, mixed.solid_pressure)
@@ -60,7 +56,7 @@ def test_pressure_of_mixed_solids_is_kept_in_the_file(tmp_path, mixed, fields):
     assert "solid_pressure" not in meshio.read(tmp_path / "fields.vtu").point_data
 
 
-def test_result_knows_which_solid_a_pressure_belongs_to(tmp_path):
+def test_pressures_belong_to_their_solids(tmp_path):
     run = make_run(tmp_path / "run", "flap-neo-hookean")
     scene, mesh = with_values(CASES["flap-neo-hookean"], {"solid.flap.formulation": "mixed"}), structured_mesh()
     (run / "scene.toml").write_text(scene.to_toml())
@@ -69,9 +65,6 @@ def test_result_knows_which_solid_a_pressure_belongs_to(tmp_path):
     seals.write(run / "result.json", data | {"files": seals.seal_all(run, ("point-*.bin", "scene.toml"))})
     fields = load_result(run).fields
     np.testing.assert_array_equal(np.flatnonzero(fields.solid_pressure), np.unique(mesh.p2[mesh.region == 2]))
-
-
-def test_pressures_of_another_number_of_solids_are_refused():
     mesh = structured_mesh(5, 2)
     with pytest.raises(ValueError, match="pressures of 0 mixed solids, the scene has 1"):
         Fields.from_raw(mesh, given_state(mesh), [2])
@@ -80,8 +73,7 @@ def test_pressures_of_another_number_of_solids_are_refused():
 def test_file_is_compressed_binary_with_vectors_that_paraview_can_warp_by(tmp_path, fields):
     write_vtu(tmp_path / "fields.vtu", fields)
     head = (tmp_path / "fields.vtu").read_bytes().decode("latin-1")
-    assert 'compressor="vtkZLibDataCompressor"' in head
-    assert 'format="ascii"' not in head
+    assert 'compressor="vtkZLibDataCompressor"' in head and 'format="ascii"' not in head
     for name in ("displacement", "velocity"):
         array = next(tag for tag in re.findall("<DataArray[^>]*>", head) if f'Name="{name}"' in tag)
         assert 'NumberOfComponents="3"' in array

@@ -44,13 +44,9 @@ def die(in_time, directory, step, **options):
     in_time.die = None
 
 
-# Results --------------------------------------------------------------------------------------------------------------
-
-
 def test_quantities_are_those_of_the_last_period(tmp_path, in_time):
     result = one_scene.solve(scene_in_time("time.end=3"), tmp_path / "run")
-    assert result.converged
-    assert json.loads((tmp_path / "run" / "result.json").read_text()) == result.data
+    assert result.converged and json.loads((tmp_path / "run" / "result.json").read_text()) == result.data
     found = result.quantities
     assert found["tip_uy"] == pytest.approx({"mean": 0.001, "amplitude": 0.03, "frequency": 1.0}, rel=5e-3)
     assert found["drag"] == pytest.approx({"mean": 400, "amplitude": 20, "frequency": 2.0}, rel=5e-3)
@@ -63,18 +59,15 @@ def test_quantities_are_those_of_the_last_period(tmp_path, in_time):
     assert result.data["newton"] == {"iterations": 120, "factorizations": 6}
     time = result.data["time"]
     assert (time["reached"], time["end"], time["steps"], time["periodic"]) == (3.0, 3.0, 60, False)
-    assert time["why_not"] == "tip_uy: 1 full period found, 4 needed"
-    assert time["last"] == result.last_quantities
-    assert len(result.history) == 60
-    assert result.history["tip_uy"].iloc[-1] == pytest.approx(signals(3.0)["tip_uy"])
+    assert time["why_not"] == "tip_uy: 1 full period found, 4 needed" and time["last"] == result.last_quantities
+    assert len(result.history) == 60 and result.history["tip_uy"].iloc[-1] == pytest.approx(signals(3.0)["tip_uy"])
 
 
 def test_without_a_full_period_there_are_no_numbers_but_those_of_the_last_state(tmp_path, in_time):
     result = one_scene.solve(scene_in_time("time.end=0.5"), tmp_path / "run")
     assert result.quantities["drag"] == {"mean": None, "amplitude": None, "frequency": None}
     when, shown = result.shown_quantities
-    assert when == "at t = 0.5 s"
-    assert shown["drag"] == result.data["time"]["last"]["drag"]
+    assert when == "at t = 0.5 s" and shown["drag"] == result.data["time"]["last"]["drag"]
     assert list(flatten(result.quantities)) == ["min_jacobian"]
 
 
@@ -94,10 +87,8 @@ def test_a_failed_step_keeps_the_history_and_the_last_good_state(tmp_path, in_ti
     in_time.fail = 33
     result = one_scene.solve(scene_in_time("output.vtu=true"), tmp_path / "run")
     assert (result.status, result.failure, result.reason) == ("failed", "not-converged", "no step")
-    assert result.data["time"]["reached"] == 1.6
-    assert result.state_file == "failed.bin"
-    assert {"fields.vtu", "fields-000030.vtu"} <= files(tmp_path / "run")
-    assert check.calls == []
+    assert result.data["time"]["reached"] == 1.6 and result.state_file == "failed.bin"
+    assert {"fields.vtu", "fields-000030.vtu"} <= files(tmp_path / "run") and check.calls == []
 
 
 def test_a_crash_is_raised_and_keeps_what_was_finished(tmp_path, in_time):
@@ -122,55 +113,36 @@ def test_an_earlier_run_is_replaced(tmp_path, in_time):
     one_scene.solve(scene_in_time("output.vtu=true"), tmp_path / "run")
     one_scene.solve(scene_in_time("time.end=1", "time.output_interval=1"), tmp_path / "run")
     states = {name for name in files(tmp_path / "run") if name.startswith(("state", "fields"))}
-    assert states == {"state-000019.bin", "state-000020.bin"}
-    assert in_time.first_steps == [1, 1]
+    assert states == {"state-000019.bin", "state-000020.bin"} and in_time.first_steps == [1, 1]
 
 
-# Periodic -------------------------------------------------------------------------------------------------------------
-
-
-def test_it_stops_when_it_is_periodic(tmp_path, in_time):
+def test_it_stops_when_it_is_periodic_but_need_not_be(tmp_path, in_time):
     result = one_scene.solve(scene_in_time("time.stop=periodic", "time.end=50"), tmp_path / "run")
     assert result.converged
     time = result.data["time"]
-    assert time["periodic"]
-    assert time["why_not"] == ""
-    assert 0.1 + PERIODS / FREQUENCY <= time["reached"] < 10
-
-
-def test_at_the_end_it_need_not_be_periodic(tmp_path, in_time):
+    assert time["periodic"] and time["why_not"] == "" and 0.1 + PERIODS / FREQUENCY <= time["reached"] < 10
     result = one_scene.solve(scene_in_time("time.stop=periodic"), tmp_path / "run")
-    assert result.converged
-    assert not result.data["time"]["periodic"]
+    assert result.converged and not result.data["time"]["periodic"]
 
 
 def test_stopped_by_hand_is_not_finished_and_goes_on(tmp_path, in_time, check):
     in_time.stop_at = 23
     result = one_scene.solve(scene_in_time(), tmp_path / "run")
-    assert (result.failure, result.reason) == ("stopped", "stopped at t = 1.15 s of 2 s")
-    assert result.solved
+    assert (result.failure, result.reason) == ("stopped", "stopped at t = 1.15 s of 2 s") and result.solved
     assert check.calls == [(2.0, 1)]
     in_time.stop_at = None
     again = ffsi.resume(tmp_path / "run")
-    assert again.converged
-    assert in_time.first_steps == [1, 21]
-    assert len(again.history) == 40
+    assert again.converged and in_time.first_steps == [1, 21] and len(again.history) == 40
 
 
-@pytest.mark.parametrize(
-    ("end", "ramp", "grows", "reason"),
-    [
-        (12.0, 2.0, 0.0, ""),
-        (6.0, 2.0, 0.0, "only 4.0 periods"),
-        (3.2, 0.1, 0.0, "full periods found"),
-        (12.0, 2.0, 0.1, "the amplitude changes"),
-    ],
-)
+@pytest.mark.parametrize(("end", "ramp", "grows", "reason"), [
+    (12.0, 2.0, 0.0, ""), (6.0, 2.0, 0.0, "only 4.0 periods"), (3.2, 0.1, 0.0, "full periods found"),
+    (12.0, 2.0, 0.1, "the amplitude changes"),
+])  # fmt: skip
 def test_settled_needs_equal_periods_long_enough_after_the_ramp(end, ramp, grows, reason):
     t = np.arange(0.01, end, 0.01)
     found = settled(scene_in_time(f"inflow.ramp={ramp}"), t, np.exp(grows * t) * np.sin(2 * np.pi * t))
-    assert bool(found) == (not reason)
-    assert reason in found.reason
+    assert bool(found) == (not reason) and reason in found.reason
 
 
 def write_history(directory, t, y, name="tip_uy", end="\n"):
@@ -179,8 +151,7 @@ def write_history(directory, t, y, name="tip_uy", end="\n"):
 
 
 def test_the_watch_reports_the_signal_and_reads_every_line_once(tmp_path):
-    events = []
-    clock = iter(np.arange(0.0, 1000.0, 1.0)).__next__
+    events, clock = [], iter(np.arange(0.0, 1000.0, 1.0)).__next__
     watch = Watch(scene_in_time(), tmp_path, events.append, clock=lambda: float(clock()))
     t = np.arange(0.01, 3.0, 0.01)
     y = 0.2 + 0.5 * np.sin(2 * np.pi * 2 * t)
@@ -189,8 +160,7 @@ def test_the_watch_reports_the_signal_and_reads_every_line_once(tmp_path):
     write_history(tmp_path, t, y)
     watch.look()
     assert watch._tail.times == pytest.approx(t)
-    assert [event.kind for event in events] == ["signal", "signal"]
-    assert events[-1].fields["name"] == "tip_uy"
+    assert [event.kind for event in events] == ["signal", "signal"] and events[-1].fields["name"] == "tip_uy"
     assert events[-1].fields["unit"] == "m"
     assert [events[-1].number(key) for key in ("mean", "amplitude", "frequency")] == pytest.approx(
         [0.2, 0.5, 2.0], 1e-3
@@ -205,29 +175,21 @@ def test_the_watch_looks_rarely_and_passes_every_event_on(tmp_path, monkeypatch)
     for i in range(100):
         now[0] = 0.1 * i
         watch(Event("time", {"step": i}))
-    assert len(seen) == 100
-    assert len(looks) == 4
+    assert len(seen) == 100 and len(looks) == 4
     watch(Event("warning"))
     assert seen[-1].kind == "warning"
 
 
-def test_the_watch_survives_a_history_that_is_no_number(tmp_path):
+def test_the_watch_takes_the_lift_where_nothing_moves_and_no_wrong_numbers(tmp_path):
     events = []
     write_history(tmp_path, np.array([0.1, 0.2]), np.array([1.0, math.nan]))
     Watch(scene_in_time("time.stop=periodic"), tmp_path, events.append).look()
     assert events == []
-
-
-def test_the_lift_counts_where_nothing_moves(tmp_path):
-    events = []
-    t = np.arange(0.01, 12.0, 0.01)
+    events, t = [], np.arange(0.01, 12.0, 0.01)
     write_history(tmp_path, t, 3 + np.sin(2 * np.pi * t), "lift")
     Watch(load_scene("cylinder-2d2", ["time.stop=periodic"]), tmp_path, events.append).look()
     assert (events[0].fields["name"], events[0].fields["unit"]) == ("lift", "N/m")
     assert (tmp_path / "stop").read_text() == "1 periodic\n"
-
-
-# Resuming -------------------------------------------------------------------------------------------------------------
 
 
 @pytest.fixture(params=[1, 4, 5, 6, 12, 23, 39])
@@ -239,8 +201,7 @@ def died(request, tmp_path, in_time):
 
 
 def test_a_killed_run_goes_on_from_its_last_checkpoint_and_comes_to_the_same(died, in_time, tmp_path):
-    steps = len(read_history(died))
-    result = ffsi.resume(died)
+    steps, result = len(read_history(died)), ffsi.resume(died)
     assert result.converged
     whole = one_scene.solve(scene_in_time(), tmp_path / "whole")
     for name in ("history.csv", "newton.csv", "steps.csv"):
@@ -254,8 +215,7 @@ def test_a_killed_run_goes_on_from_its_last_checkpoint_and_comes_to_the_same(die
 def test_a_resumed_run_that_dies_goes_on_again(tmp_path, in_time):
     for step in (8, 18, 29):
         die(in_time, tmp_path / "run", step, resume=step > 8)
-    assert ffsi.resume(str(tmp_path / "run")).converged
-    assert in_time.first_steps == [1, 6, 16, 26]
+    assert ffsi.resume(str(tmp_path / "run")).converged and in_time.first_steps == [1, 6, 16, 26]
     assert len(list((tmp_path / "run").glob("freefem-*.log"))) == 3
 
 
@@ -279,8 +239,7 @@ def test_if_the_script_had_ended_only_the_rest_is_done(tmp_path, in_time, check)
     one_scene.solve(scene_in_time(), tmp_path / "run")
     (tmp_path / "run" / "result.json").unlink()
     check.calls.clear()
-    assert ffsi.resume(tmp_path / "run").converged
-    assert len(in_time.arguments) == 1
+    assert ffsi.resume(tmp_path / "run").converged and len(in_time.arguments) == 1
     assert check.calls == [(2.0, 1)]
 
 
@@ -289,8 +248,7 @@ def test_a_point_that_was_cut_off_is_computed_again(tmp_path, in_time):
     (tmp_path / "run" / "result.json").unlink()
     point = tmp_path / "run" / "point-0001.json"
     point.write_text(point.read_text()[:50])
-    assert ffsi.resume(tmp_path / "run").converged
-    assert in_time.first_steps == [1, 41]
+    assert ffsi.resume(tmp_path / "run").converged and in_time.first_steps == [1, 41]
 
 
 def test_own_files_stay_when_a_run_goes_on(tmp_path, in_time):
@@ -298,8 +256,7 @@ def test_own_files_stay_when_a_run_goes_on(tmp_path, in_time):
     (tmp_path / "run" / "notes.txt").write_text("mine")
     (tmp_path / "run" / ".result.json.77.part").write_text("{")
     ffsi.resume(tmp_path / "run")
-    assert (tmp_path / "run" / "notes.txt").is_file()
-    assert not list((tmp_path / "run").glob(".*.part"))
+    assert (tmp_path / "run" / "notes.txt").is_file() and not list((tmp_path / "run").glob(".*.part"))
 
 
 def steady(path):
@@ -319,17 +276,14 @@ def damaged(path):
     (path / "case.edp").write_text("")
 
 
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda path: None, r"is no run folder of ffsi \(it does not exist\); there is nothing to resume"),
-        (lambda path: path.mkdir(), "is no run folder of ffsi; there"),
-        (lambda path: path.write_text(""), "is no run folder"),
-        (steady, "holds a steady run; only runs in time can be resumed"),
-        (chain, "belongs to a sweep; the same call of ffsi sweep goes on with it"),
-        (damaged, "scene.toml"),
-    ],
-)
+@pytest.mark.parametrize(("make", "message"), [
+    (lambda path: None, r"is no run folder of ffsi \(it does not exist\); there is nothing to resume"),
+    (lambda path: path.mkdir(), "is no run folder of ffsi; there"),
+    (lambda path: path.write_text(""), "is no run folder"),
+    (steady, "holds a steady run; only runs in time can be resumed"),
+    (chain, "belongs to a sweep; the same call of ffsi sweep goes on with it"),
+    (damaged, "scene.toml"),
+])  # fmt: skip
 def test_what_cannot_be_resumed_is_refused_and_not_touched(tmp_path, in_time, make, message):
     make(tmp_path / "run")
     before = sorted(tmp_path.rglob("*"))
@@ -372,8 +326,7 @@ KEY = "fluid.viscosity"
 
 def test_every_point_in_time_is_a_run_of_its_own(tmp_path, in_time):
     table = sweep.sweep(scene_in_time("time.end=3"), {KEY: [1.0, 2.0]}, tmp_path / "s")
-    assert table["folder"].tolist() == ["chain-001", "chain-002"]
-    assert table["status"].tolist() == ["converged"] * 2
+    assert table["folder"].tolist() == ["chain-001", "chain-002"] and table["status"].tolist() == ["converged"] * 2
     assert table["tip_uy_amplitude"].tolist() == pytest.approx([0.03] * 2, rel=1e-3)
     history = load_result(tmp_path / "s" / "chain-001").history
     for part, value in (
@@ -394,31 +347,21 @@ def test_a_sweep_in_time_goes_on_from_the_checkpoints(tmp_path, in_time):
     (tmp_path / "s" / "chain-002" / "result-0001.json").unlink()  # as if Python had been killed, too
     in_time.die = None
     table = sweep.sweep(scene_in_time(), {KEY: [1.0, 2.0]}, tmp_path / "s")
-    assert table["status"].tolist() == ["converged"] * 2
-    assert table["folder"].tolist() == ["chain-001", "chain-002"]
+    assert table["status"].tolist() == ["converged"] * 2 and table["folder"].tolist() == ["chain-001", "chain-002"]
     assert in_time.first_steps == [1, 1, 21, 21]
     sweep.sweep(scene_in_time(), {KEY: [1.0, 2.0]}, tmp_path / "s")
     assert len(in_time.arguments) == 4
 
 
-# Small parts ----------------------------------------------------------------------------------------------------------
-
-
-def test_published_mean_amplitude_and_frequency():
+def test_published_numbers_and_the_last_period():
     published = references("turek-fsi3")
     values = {name: published_value(name, published) for name in ("lift_mean", "lift_amplitude", "lift_frequency")}
     assert [found[0] for found in values.values() if found] == [2.50, 153.91, 5.46]
-    assert published_value("lift", published) is not None
-    assert published_value("min_jacobian", published) is None
+    assert published_value("lift", published) is not None and published_value("min_jacobian", published) is None
     assert published_value("drag_amplitude", references("turek-fsi1")) is None
-
-
-def test_the_last_period_is_where_metrics_finds_it():
     t = np.arange(0.01, 5.0, 0.01)
     history = pd.DataFrame({"time": t, "tip_uy": np.sin(2 * np.pi * t)})
     period = in_time.last_period(history)
-    assert period is not None
-    assert (period.start, period.end) == pytest.approx((3.0, 4.0), abs=1e-3)
-    assert in_time.last_period(history[:20]) is None
-    assert in_time.last_period(history.drop(columns="tip_uy")) is None
+    assert period is not None and (period.start, period.end) == pytest.approx((3.0, 4.0), abs=1e-3)
+    assert in_time.last_period(history[:20]) is None and in_time.last_period(history.drop(columns="tip_uy")) is None
     assert oscillation.reference_column(history) == "tip_uy"

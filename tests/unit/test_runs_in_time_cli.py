@@ -27,11 +27,7 @@ from ffsi.result.fields import Fields
 from ffsi.result.words import time_line
 from ffsi.run import execute, one_scene
 
-
-@pytest.fixture(autouse=True)
-def in_an_empty_folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("COLUMNS", "300")
+pytestmark = pytest.mark.usefixtures("in_an_empty_folder")
 
 
 @pytest.fixture
@@ -45,15 +41,11 @@ def fields(scale: float) -> Fields:
     return Fields.from_raw(mesh, given_state(mesh, scale))
 
 
-# Command line ---------------------------------------------------------------------------------------------------------
-
-
 def test_run_prints_the_last_period_and_compares_it(capsys, in_time, check, scene_file):
     settings = ["--set", "time.end=3", "--set", "inflow.ramp=2"]
     code, out, err = call(capsys, "run", scene_file, *settings, "--out", "there")
     assert (code, err) == (0, "")
-    assert "quantity over the last period" in out
-    assert re.search(r"tip_uy_frequency +1\S* +Hz", out)
+    assert "quantity over the last period" in out and re.search(r"tip_uy_frequency +1\S* +Hz", out)
     assert "t = 3 of 3 s, 60 steps, not periodic (tip_uy: " in out
 
 
@@ -70,22 +62,17 @@ def test_cycles_are_compared_with_each_other_instead_of_periods():
 
 def test_run_without_a_period_prints_the_last_state(capsys, in_time, check, scene_file):
     _, out, _ = call(capsys, "run", scene_file, "--set", "time.end=0.5", "--out", "there")
-    assert "quantity at t = 0.5 s" in out
-    assert "published" not in out
-    assert re.search(r"drag +4 +N/m", out)
+    assert "quantity at t = 0.5 s" in out and "published" not in out and re.search(r"drag +4 +N/m", out)
 
 
 def test_a_killed_run_says_how_to_go_on_and_goes_on(capsys, in_time, check, scene_file):
     in_time.die = 23
     code, _, err = call(capsys, "run", scene_file, "--out", "there")
-    assert code == 4
-    assert "ffsi run --resume there goes on from t = 1 s" in err
+    assert code == 4 and "ffsi run --resume there goes on from t = 1 s" in err
     in_time.die = None
     code, out, err = call(capsys, "run", "--resume", "there")
-    assert "there: going on from t = " in err
-    assert code == 0
-    assert "t = 2 of 2 s, 40 steps" in out
-    assert in_time.first_steps == [1, 21]
+    assert "there: going on from t = " in err and code == 0
+    assert "t = 2 of 2 s, 40 steps" in out and in_time.first_steps == [1, 21]
     code, out, err = call(capsys, "run", "--resume", "there")
     assert (code, out) == (2, "")
     assert "the run in there is finished (converged); there is nothing to resume" in err
@@ -94,8 +81,7 @@ def test_a_killed_run_says_how_to_go_on_and_goes_on(capsys, in_time, check, scen
 def test_a_stopped_run_has_its_exit_code(capsys, in_time, check, scene_file):
     in_time.stop_at = 13
     code, _, err = call(capsys, "run", scene_file, "--out", "there")
-    assert code == 3
-    assert "stopped at t = 0.65 s of 2 s; what there is lies in there" in err
+    assert code == 3 and "stopped at t = 0.65 s of 2 s; what there is lies in there" in err
     assert "ffsi run --resume there goes on from t = 0.5 s" in err
 
 
@@ -103,8 +89,7 @@ def test_without_resume_the_run_is_replaced(capsys, in_time, check, scene_file):
     in_time.die = 23
     call(capsys, "run", scene_file, "--out", "there")
     in_time.die = None
-    assert call(capsys, "run", scene_file, "--out", "there")[0] == 0
-    assert in_time.first_steps == [1, 1]
+    assert call(capsys, "run", scene_file, "--out", "there")[0] == 0 and in_time.first_steps == [1, 1]
 
 
 INTERVAL = ["--set", "time.output_interval=0.1"]
@@ -127,29 +112,22 @@ BAD_INPUT = [
 @pytest.mark.parametrize(("arguments", "message"), BAD_INPUT, ids=[" ".join(words) for words, _ in BAD_INPUT])
 def test_bad_input_ends_with_2_names_the_reason_and_writes_nothing(capsys, tmp_path, in_time, arguments, message):
     code, out, err = call(capsys, *arguments)
-    assert message in err
-    assert (code, out) == (2, "")
+    assert message in err and (code, out) == (2, "")
     assert list(tmp_path.iterdir()) == []
-
-
-# Animations -----------------------------------------------------------------------------------------------------------
 
 
 def test_animations(capsys, tmp_path, in_time, check, scene_file):
     code, _, err = call(capsys, "run", scene_file, "--out", "there", "--animate", "velocity")
-    assert code == 0
-    assert "wrote there/velocity.gif (4 frames)" in err
+    assert code == 0 and "wrote there/velocity.gif (4 frames)" in err
     with Image.open("there/velocity.gif") as image:
         assert image.n_frames == 4
         frames = []
         for i in range(4):
             image.seek(i)
             frames.append(np.asarray(image.convert("RGB")))
-    assert {frame.shape for frame in frames} == {frames[0].shape}
-    assert not np.array_equal(frames[0], frames[1])
+    assert {frame.shape for frame in frames} == {frames[0].shape} and not np.array_equal(frames[0], frames[1])
     assert call(capsys, "animate", "there", "--field", "displacement", "-o", "mine.gif")[0] == 0
-    assert Path("mine.gif").is_file()
-    assert call(capsys, "animate", "there", "-o", "no/mine.gif")[0] == 2
+    assert Path("mine.gif").is_file() and call(capsys, "animate", "there", "-o", "no/mine.gif")[0] == 2
     make_run(tmp_path / "steady")
     assert call(capsys, "animate", "steady")[0] == 2
 
@@ -172,9 +150,6 @@ def test_a_common_scale_fits_all_states():
         pictures.common_scale("velocity", [])
 
 
-# Files and reports ----------------------------------------------------------------------------------------------------
-
-
 def test_a_series_for_paraview(tmp_path):
     vtu.write_series(tmp_path, ((step, 0.1 * step, fields(step), {}) for step in (2, 12)))
     root = ElementTree.parse(tmp_path / "fields.pvd").getroot()
@@ -192,8 +167,7 @@ def test_the_report_shows_the_history(tmp_path, in_time, check):
     text = (tmp_path / "report.html").read_text()
     assert "Over time: t = 3 of 3 s, 60 steps, not periodic" in text
     assert "on the right the last 2 periods, grey: the last one" in text
-    assert "Quantities over the last period" in text
-    assert "Newton&#39;s method" not in text
+    assert "Quantities over the last period" in text and "Newton&#39;s method" not in text
 
 
 def test_the_report_of_a_run_that_died_at_once(tmp_path, in_time, check, monkeypatch):
@@ -211,18 +185,12 @@ def test_histories_are_drawn_whole_and_at_their_end():
     t = np.arange(0.01, 5.0, 0.01)
     history = pd.DataFrame({"time": t, "drag": np.cos(t), "tip_uy": np.sin(2 * np.pi * t), "min_jacobian": 0 * t + 0.5})
     figure = histories.time_history(history, (3.0, 4.0))
-    assert figure is not None
-    assert len(figure.axes) == 6
+    assert figure is not None and len(figure.axes) == 6
     assert [axes.get_xlabel() for axes in figure.axes] == ["", "", "", "", "time (s)", "time (s)"]
     assert figure.axes[1].lines[0].get_xdata()[0] == pytest.approx(2.0)
     whole = histories.time_history(history)
-    assert whole is not None
-    assert len(whole.axes) == 3
-    assert histories.time_history(history[:1]) is None
-    assert histories.time_history(history[["time"]]) is None
-
-
-# Progress -------------------------------------------------------------------------------------------------------------
+    assert whole is not None and len(whole.axes) == 3
+    assert histories.time_history(history[:1]) is None and histories.time_history(history[["time"]]) is None
 
 
 class Clock:
@@ -232,7 +200,7 @@ class Clock:
         return self.now
 
 
-def test_progress_in_time():
+def test_progress_in_time_and_of_its_sweeps():
     clock, stream = Clock(), io.StringIO()
     with ProgressDisplay(console=Console(file=stream, force_terminal=True, width=200), clock=clock) as show:
         for line in (
@@ -248,9 +216,6 @@ def test_progress_in_time():
         assert show.state == "t = 2 of 6 s · step 20 · tip_uy 0.001235 ± 0.035 m, 5.461 Hz"
         assert show.seconds_left == pytest.approx(240.0)
     assert "about 4:00 left" in stream.getvalue()
-
-
-def test_progress_of_a_sweep_in_time_counts_its_points():
     stream = io.StringIO()
     with ProgressDisplay(points=3, console=Console(file=stream, force_terminal=True, width=200)) as show:
         show(parse_event("@ffsi time step=20 time=2 end=6 dt=0.1"))
@@ -274,8 +239,7 @@ def test_rows_that_a_full_disk_has_cost_end_the_run_with_the_right_cause(capsys,
     in_time._append = append
     code, _, err = call(capsys, "run", scene_file, "--out", "there")
     assert code == 4
-    assert "row 20 of history.csv is damaged: the disk was full for a while" in err
-    assert "stopped at" not in err
+    assert "row 20 of history.csv is damaged: the disk was full for a while" in err and "stopped at" not in err
     assert json.loads(Path("there/result.json").read_text())["failure"] == "crash"
 
 
@@ -288,5 +252,4 @@ def test_a_row_that_is_missing_is_not_taken_for_a_stop(capsys, in_time, check, s
 
     in_time._append = append
     code, _, err = call(capsys, "run", scene_file, "--out", "there")
-    assert code != 0
-    assert "history.csv" in err
+    assert code != 0 and "history.csv" in err

@@ -16,26 +16,17 @@ def rigid(**geometry: object) -> Scene:
     return Scene.model_validate(kept | {"geometry": {"kind": "aneurysm", **geometry}})
 
 
-def test_rigid_walls_are_no_slip_and_have_no_solid() -> None:
+def test_areas_outline_and_thickness_are_those_of_the_source() -> None:
     found = {boundary.label: boundary.role for boundary in boundaries(rigid())}
     assert found == {1: "inlet", 2: "outlet", 13: "no-slip", 14: "no-slip", 15: "no-slip"}
     assert rigid().exact_areas() == {"fluid": CASES["aneurysm"].exact_areas()["fluid"]}
-
-
-def test_areas_are_those_of_the_source() -> None:
     # Stated there for a dome closed by its chord and for a polygon; the curve through its points is a little fuller.
     areas = {name: 1e6 * area for name, area in CASES["aneurysm"].exact_areas().items()}
     assert areas["fluid"] - 21.99 == pytest.approx(4.409, rel=0.01)
     assert areas["vessel"] + areas["dome"] == pytest.approx(5.66, rel=0.02)
-
-
-def test_the_curve_goes_through_the_outline_s_points() -> None:
     points = dome.curve(dome.knots())
     assert points == pytest.approx(dome.lumen().outline, abs=1e-17)
     assert math.hypot(*points[0]) == pytest.approx(8e-3, rel=1e-14)
-
-
-def test_the_wall_has_its_thickness() -> None:
     s = np.linspace(0, dome.knots()[-1], 50)
     assert np.hypot(*(dome.curve(s, 2e-4) - dome.curve(s)).T) == pytest.approx(2e-4)
     thick = load_scene("aneurysm", ["geometry.dome_wall_thickness=0.2 mm"]).exact_areas()
@@ -59,52 +50,36 @@ def test_struts_are_rigid_circles_on_the_neck_line(elastic: bool) -> None:
     assert "nStruts = 3" in render(scene)
 
 
-@pytest.mark.parametrize(
-    ("settings", "words"),
-    [
-        (["geometry.wall_thickness=1 mm"], "geometry.wall_thickness"),
-        (["geometry.dome_wall_thickness=0.4 mm"], "geometry.dome_wall_thickness"),
-        (["geometry.stent.count=10", "geometry.stent.diameter=0.2 mm"], "geometry.stent.diameter"),
-        (["geometry.stent.count=21"], "geometry.stent.count"),
-        (["solid.flap.density=1"], "solid.flap"),
-    ],
-)
+@pytest.mark.parametrize(("settings", "words"), [
+    (["geometry.wall_thickness=1 mm"], "geometry.wall_thickness"),
+    (["geometry.dome_wall_thickness=0.4 mm"], "geometry.dome_wall_thickness"),
+    (["geometry.stent.count=10", "geometry.stent.diameter=0.2 mm"], "geometry.stent.diameter"),
+    (["geometry.stent.count=21"], "geometry.stent.count"),
+    (["solid.flap.density=1"], "solid.flap"),
+])  # fmt: skip
 def test_what_does_not_fit_is_named(settings: list[str], words: str) -> None:
     with pytest.raises(SceneError, match=words):
         load_scene("aneurysm", settings)
 
 
-def test_the_nearest_key_is_not_one_of_another_geometry() -> None:
+def test_what_does_not_fit_an_aneurysm_is_refused() -> None:
     with pytest.raises(SceneError, match=r'geometry.cylinder_x = 1: unknown key; .* "aneurysm" has [^?]*$'):
         load_scene("aneurysm", ["geometry.cylinder_x=1"])
     with pytest.raises(SceneError, match=r'did you mean "geometry.stent.diameter"'):
         load_scene("aneurysm", ["geometry.diametre=1"])
-
-
-def test_the_first_written_cycle_ends_in_time() -> None:
-    period = CASES["aneurysm-pulsatile"].inflow.period
-    late = ["output.wall.first_cycle=5"]
+    period, late = CASES["aneurysm-pulsatile"].inflow.period, ["output.wall.first_cycle=5"]
     with pytest.raises(
         SceneError, match=r"output.wall.first_cycle = 5: accepted: at most 4, the last whole cycle \(time"
     ):
         load_scene("aneurysm-pulsatile", late)
     assert load_scene("aneurysm-pulsatile", [*late, f"time.end={5 * period}"]).output.wall.first_cycle == 5
     assert load_scene("aneurysm-pulsatile", ["time.end=0.12"]).output.wall.first_cycle == 1  # a trial
-
-
-def test_both_walls_are_elastic_or_none() -> None:
     table = CASES["aneurysm"].model_dump(exclude_none=True)
     del table["solid"]["dome"]
     with pytest.raises(SceneError, match=r"solid\.dome"):
         Scene.model_validate(table)
-
-
-def test_a_fluid_is_needed() -> None:
     table = CASES["aneurysm"].model_dump(exclude_none=True)
     with pytest.raises(SceneError, match="fluid"):
         Scene.model_validate({key: table[key] for key in ("name", "geometry", "solid")})
-
-
-def test_the_inlet_is_the_upper_end() -> None:
     inlet = Aneurysm().inlet
     assert (inlet.start, inlet.inward, inlet.height) == ((0.0, 8e-3), (-1.0, 0.0), pytest.approx(2e-3))

@@ -13,13 +13,11 @@ Points = Sequence[tuple[float, float]]
 
 
 def arc(x: float, y: float, radius: float, start: float, end: float, pieces: int = 20000) -> Points:
-    """Points of an arc from the angle start to the angle end, degrees."""
     angles = np.radians(np.linspace(start, end, pieces + 1))
     return list(zip(x + radius * np.cos(angles), y + radius * np.sin(angles), strict=True))
 
 
 def length_and_area(outline: Points) -> tuple[float, float]:
-    """Length and enclosed area of a closed polygon."""
     x, y = np.array(outline).T
     dx, dy = np.roll(x, -1) - x, np.roll(y, -1) - y
     return float(np.hypot(dx, dy).sum()), abs(float((x * dy - y * dx).sum()) / 2)
@@ -35,15 +33,9 @@ ANGLE = math.degrees(math.asin(0.01 / 0.05))
 BODY = [*arc(0.2, 0.2, 0.05, ANGLE, 360 - ANGLE), (0.6, 0.19), (0.6, 0.21)]
 BEAM = [*arc(0.2, 0.2, 0.05, ANGLE, -ANGLE), (0.6, 0.19), (0.6, 0.21)]
 CAVITY = [
-    (0, 0),
-    *arc(1.75, -0.25, 0.25, 90, 0),
-    (2, -1),
-    (6, -1),
-    *arc(6.25, -0.25, 0.25, 180, 90),
-    (14, 0),
-    (14, 1),
+    (0, 0), *arc(1.75, -0.25, 0.25, 90, 0), (2, -1), (6, -1), *arc(6.25, -0.25, 0.25, 180, 90), (14, 0), (14, 1),
     (0, 1),
-]
+]  # fmt: skip
 FLOOR = box(2, -1.4, 6, -1)
 
 
@@ -125,11 +117,7 @@ LENGTHS = {
     "flap-svk": {1: 0.4, 2: 0.4, 3: 0.5 + 1.96 + 2.5, 5: 0.44, 6: 0.04},
     "flap-mooney-rivlin-roof": {1: 0.4, 2: 0.4, 3: 2.46, 5: 0.44, 6: 0.04, 7: 2.5, 10: 2.5, 11: 0.04},
     "turek-fsi1": {
-        1: 0.41,
-        2: 0.41,
-        3: 5.0,
-        4: 0.1 * (math.pi - math.asin(0.2)),
-        5: 2 * (0.4 - 0.05 * math.sqrt(0.96)) + 0.02,
+        1: 0.41, 2: 0.41, 3: 5.0, 4: 0.1 * (math.pi - math.asin(0.2)), 5: 2 * (0.4 - 0.05 * math.sqrt(0.96)) + 0.02,
         6: 0.1 * math.asin(0.2),
     },
     "turek-csm1": {5: 2 * (0.4 - 0.05 * math.sqrt(0.96)) + 0.02, 6: 0.1 * math.asin(0.2)},
@@ -147,17 +135,13 @@ def test_tables_cover_the_catalogue() -> None:
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_areas(case: str) -> None:
+def test_areas_and_perimeters(case: str) -> None:
     areas = CASES[case].exact_areas()
     assert list(areas) == list(OUTLINES[case])
     for name, (outer, *others) in OUTLINES[case].items():
         sign = 1 if name == "vessel" else -1  # three pieces; elsewhere what follows are holes
         area = length_and_area(outer)[1] + sign * sum(length_and_area(other)[1] for other in others)
         assert areas[name] == pytest.approx(area, rel=1e-8)
-
-
-@pytest.mark.parametrize("case", CASES)
-def test_perimeters(case: str) -> None:
     found = {boundary.label: boundary.exact_length for boundary in boundaries(CASES[case])}
     for name, outlines in OUTLINES[case].items():
         if case in ANEURYSMS and name != "fluid":
@@ -180,7 +164,7 @@ def test_roles(case: str) -> None:
     assert len({boundary.name for boundary in found}) == len(found)
 
 
-def test_every_arc_has_its_circle() -> None:
+def test_arcs_tips_and_scenes_of_one_part() -> None:
     circles = {
         case: found
         for case, scene in CASES.items()
@@ -195,75 +179,51 @@ def test_every_arc_has_its_circle() -> None:
         "cavity-flexible-floor": {8: (1.75, -0.25, 0.25), 9: (6.25, -0.25, 0.25)},
         **dict.fromkeys(ANEURYSMS, bent),
     }
-
-
-def test_only_no_slip_arcs_are_bent() -> None:
     # The root of a beam is an arc, too, but clamped.
     roles = {boundary.label: boundary.role for boundary in boundaries(CASES["turek-fsi1"]) if boundary.circle}
     assert roles == {4: "no-slip", 6: "clamped"}
-
-
-def test_rigid_flap_and_solid_alone() -> None:
     table = CASES["flap-svk"].model_dump(exclude_none=True)
     rigid = Scene.model_validate({key: table[key] for key in table if key not in ("solid", "mesh_motion")})
     assert rigid.physics == "fluid"
     assert [(b.label, b.role, b.part) for b in boundaries(rigid)] == [INLET, OUTLET, WALLS, (5, "no-slip", "flap")]
-    assert rigid.exact_areas() == {"fluid": pytest.approx(0.992)}
-    assert rigid.tip is None
+    assert rigid.exact_areas() == {"fluid": pytest.approx(0.992)} and rigid.tip is None
     alone = Scene.model_validate({key: table[key] for key in ("name", "geometry", "solid")})
     assert alone.physics == "solid"
     assert [(b.label, b.role, b.part) for b in boundaries(alone)] == [(5, "free", None), (6, "clamped", None)]
     assert alone.exact_areas() == {"flap": pytest.approx(0.008)}
     with pytest.raises(SceneError, match="inflow"):
         alone.inflow_profile()
-
-
-def test_tips() -> None:
     tips = {case: scene.tip for case, scene in CASES.items() if scene.tip}
     expected = {
-        **dict.fromkeys((*FLAPS, *ROOFS), (0.52, 0.2)),
-        **dict.fromkeys((*CSM, *FSI), (0.6, 0.2)),
-        "cavity-flexible-floor": (4.0, -1.0),
-        **dict.fromkeys(ANEURYSMS, (-7.7481e-3, 6.519e-3)),
-        "cook": (48.0, 60.0),
+        **dict.fromkeys((*FLAPS, *ROOFS), (0.52, 0.2)), **dict.fromkeys((*CSM, *FSI), (0.6, 0.2)),
+        "cavity-flexible-floor": (4.0, -1.0), **dict.fromkeys(ANEURYSMS, (-7.7481e-3, 6.519e-3)), "cook": (48.0, 60.0),
         "cantilever": (1.0, 0.005),
-    }
+    }  # fmt: skip
     assert set(tips) == set(expected)
     for case, tip in expected.items():
         assert tips[case] == pytest.approx(tip, rel=1e-14)
 
 
-def test_lengths_follow_the_numbers() -> None:
+def test_lengths_and_probes_follow_the_numbers() -> None:
     scene = load_scene("cavity-flexible-floor", ["geometry.cavity_width=5", "geometry.floor_thickness=0.2"])
     found = {boundary.name: boundary.exact_length for boundary in boundaries(scene)}
     assert (found["surface"], found["outer_side"], found["ends"]) == (5.0, 5.0, 0.4)
     assert scene.tip == (4.5, -1.0)
-
-
-def test_probes_are_the_middle_of_the_elastic_roof() -> None:
     probes = {case: scene.probes for case, scene in CASES.items() if scene.probes}
     assert probes == {case: {"roof": (1.25, 0.4)} for case in ROOFS}
     scene = load_scene("flap-neo-hookean-roof", ["geometry.length=3", "geometry.height=0.5"])
     assert scene.probes == {"roof": (1.5, 0.5)}
-
-
-def test_roof_follows_the_numbers() -> None:
     scene = load_scene("flap-neo-hookean-roof", ["geometry.roof.thickness=3 cm", "geometry.length=2"])
     found = {boundary.name: boundary.exact_length for boundary in boundaries(scene)}
     assert found["walls"] == pytest.approx(1.96)
     assert (found["roof"], found["outer_side"], found["roof_ends"]) == (2.0, 2.0, 0.06)
     assert scene.exact_areas()["roof"] == pytest.approx(0.06)
-
-
-def test_solids_alone_follow_the_numbers() -> None:
     panel = load_scene("cook", ["geometry.rise=-3", "geometry.width=4", "geometry.left_height=2",
                                 "geometry.right_height=8"])  # fmt: skip
     found = {boundary.name: boundary.exact_length for boundary in boundaries(panel)}
     assert found == {"clamped_side": 2.0, "free_sides": 5.0 + 5.0, "loaded_side": 8.0}
-    assert panel.exact_areas() == {"membrane": 20.0}
-    assert panel.tip == (4.0, 5.0)
+    assert panel.exact_areas() == {"membrane": 20.0} and panel.tip == (4.0, 5.0)
     strip = load_scene("cantilever", ["geometry.length=2", "geometry.thickness=0.5"])
-    assert strip.exact_areas() == {"beam": 1.0}
-    assert strip.tip == (2.0, 0.25)
+    assert strip.exact_areas() == {"beam": 1.0} and strip.tip == (2.0, 0.25)
     with pytest.raises(SceneError, match="inflow"):
         strip.inflow_profile()

@@ -19,19 +19,15 @@ def channel(mesh: dict[str, Any] | None = None, **geometry: object) -> Scene:
     return Scene.model_validate(table | {"mesh": mesh or {}})
 
 
-def test_the_walls_are_the_part_with_the_forces() -> None:
+def test_a_channel_has_walls_with_forces_and_lengths_by_its_height() -> None:
     found = {b.name: (b.label, b.role, b.part, b.exact_length) for b in boundaries(channel())}
     assert found == {
         "inlet": (1, "inlet", None, 0.5),
         "outlet": (2, "outlet", None, 0.5),
         "walls": (3, "no-slip", "walls", 6.0),
     }
-    assert channel().exact_areas() == {"fluid": 1.5}
-    assert channel().physics == "fluid"
+    assert channel().exact_areas() == {"fluid": 1.5} and channel().physics == "fluid"
     assert (channel().tip, channel().probes) == (None, {})
-
-
-def test_lengths_are_in_proportion_to_the_height() -> None:
     scene = channel(height="2 mm")
     assert scene.forces is not None and scene.forces.reference_length == 0.002
     sizes, unit = scene.mesh, Channel.default_sizes
@@ -40,27 +36,17 @@ def test_lengths_are_in_proportion_to_the_height() -> None:
     given = channel({"body_size": 0.01})
     assert given.mesh == Mesh(**{**channel().mesh.model_dump(), "body_size": 0.01})
     assert given.mesh.far_size == 0.5 * unit["far_size"]
-
-
-def test_the_mesh_is_not_adapted() -> None:
-    assert "adaptmesh(" not in render(channel())
-    assert "adaptmesh(" in render(CASES["turek-cfd1"])
-
-
-def test_a_scene_is_read_again() -> None:
+    assert "adaptmesh(" not in render(channel()) and "adaptmesh(" in render(CASES["turek-cfd1"])
     assert Scene.from_toml(channel().to_toml()) == channel()
 
 
-@pytest.mark.parametrize(
-    ("text", "fragments"),
-    [
-        ("height = 1", ["geometry.length: missing;", "length of the channel, m"]),
-        ("height = -1\nlength = 1", ["geometry.height = -1:", "> 0 in m"]),
-        ("height = 1\nlength = 1\nhieght = 1", ["geometry.hieght = 1:", 'mean "geometry.height"']),
-        ("height = 1\nlength = 1\n[solid.flap]\ndensity = 1", ["solid.flap:", 'the geometry "channel" holds no solid']),
-        ("height = 1\nlength = 1", ["fluid: missing;"]),
-    ],
-)
+@pytest.mark.parametrize(("text", "fragments"), [
+    ("height = 1", ["geometry.length: missing;", "length of the channel, m"]),
+    ("height = -1\nlength = 1", ["geometry.height = -1:", "> 0 in m"]),
+    ("height = 1\nlength = 1\nhieght = 1", ["geometry.hieght = 1:", 'mean "geometry.height"']),
+    ("height = 1\nlength = 1\n[solid.flap]\ndensity = 1", ["solid.flap:", 'the geometry "channel" holds no solid']),
+    ("height = 1\nlength = 1", ["fluid: missing;"]),
+])  # fmt: skip
 def test_malformed(text: str, fragments: list[str], tmp_path: Any) -> None:
     path = tmp_path / "scene.toml"
     path.write_text(f'name = "channel"\n[geometry]\nkind = "channel"\n{text}\n')

@@ -42,31 +42,27 @@ def test_a_stated_kind_stays(kind: str, weight: float) -> None:
     assert motion(steady) == motion(with_values(steady, IN_TIME)) == (kind, weight)
 
 
-@pytest.mark.parametrize(
-    ("material", "formulation"),
-    [
-        ({"material": "neo-hookean", "young_modulus": 1.0, "poisson_ratio": 0.4899}, "displacement"),
-        ({"material": "neo-hookean", "young_modulus": 1.0, "poisson_ratio": 0.49}, "mixed"),
-        ({"material": "neo-hookean", "lame_mu": 1.0, "poisson_ratio": 0.4999}, "mixed"),
-        ({"material": "neo-hookean", "lame_mu": 1.0, "lame_lambda": 48.99}, "displacement"),
-        ({"material": "neo-hookean", "lame_mu": 1.0, "lame_lambda": 49.0}, "mixed"),
-        ({"material": "neo-hookean", "lame_mu": 1e-6, "lame_lambda": 49e-6}, "mixed"),
-        ({"material": "mooney-rivlin", "c10": 0.25, "c01": 0.25, "bulk_modulus": 49.6}, "displacement"),
-        ({"material": "mooney-rivlin", "c10": 0.25, "c01": 0.25, "bulk_modulus": 49.7}, "mixed"),
-        ({"material": "neo-hookean", "young_modulus": 1.0, "poisson_ratio": 0.4999, "formulation": "displacement"},
-         "displacement"),
-        ({"material": "neo-hookean", "young_modulus": 1.0, "formulation": "incompressible"}, "incompressible"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("material", "formulation"), [
+    ({"material": "neo-hookean", "young_modulus": 1.0, "poisson_ratio": 0.4899}, "displacement"),
+    ({"material": "neo-hookean", "young_modulus": 1.0, "poisson_ratio": 0.49}, "mixed"),
+    ({"material": "neo-hookean", "lame_mu": 1.0, "poisson_ratio": 0.4999}, "mixed"),
+    ({"material": "neo-hookean", "lame_mu": 1.0, "lame_lambda": 48.99}, "displacement"),
+    ({"material": "neo-hookean", "lame_mu": 1.0, "lame_lambda": 49.0}, "mixed"),
+    ({"material": "neo-hookean", "lame_mu": 1e-6, "lame_lambda": 49e-6}, "mixed"),
+    ({"material": "mooney-rivlin", "c10": 0.25, "c01": 0.25, "bulk_modulus": 49.6}, "displacement"),
+    ({"material": "mooney-rivlin", "c10": 0.25, "c01": 0.25, "bulk_modulus": 49.7}, "mixed"),
+    ({"material": "neo-hookean", "young_modulus": 1.0, "poisson_ratio": 0.4999, "formulation": "displacement"},
+     "displacement"),
+    ({"material": "neo-hookean", "young_modulus": 1.0, "formulation": "incompressible"}, "incompressible"),
+])  # fmt: skip
 def test_nearly_incompressible_solids_are_mixed(material: dict[str, Any], formulation: str) -> None:
     table = copy.deepcopy(FLAP)
     table["solid"]["flap"] = {"density": 1.0, **material}
     scene = Scene.model_validate(table)
-    assert scene.solid["flap"].formulation == formulation
-    assert Scene.from_toml(scene.to_toml()) == scene
+    assert scene.solid["flap"].formulation == formulation and Scene.from_toml(scene.to_toml()) == scene
 
 
-def test_formulation_follows_poissons_ratio() -> None:
+def test_formulations_follow_poissons_ratio_and_sweeps_the_scene() -> None:
     scene = Scene.model_validate(FLAP)
     nearly = with_values(scene, {"solid.flap.poisson_ratio": 0.495})
     assert nearly.solid["flap"].formulation == "mixed"
@@ -74,11 +70,7 @@ def test_formulation_follows_poissons_ratio() -> None:
         scene, {"solid.flap.poisson_ratio": 0.3}
     )
     assert with_values(scene, {"solid.flap.material": "st-venant-kirchhoff"}).solid["flap"].mixed is False
-
-
-def test_sweeps_keep_what_the_scene_has() -> None:
-    """One script for all points: a settled scene changes nothing but the values that vary."""
-    scene = Scene.model_validate(FLAP)
+    # One script for all points: a settled scene changes nothing but the values that vary.
     assert scene.settled() == scene
     scenes, _ = _chain_scenes(scene, [{"solid.flap.poisson_ratio": nu} for nu in (0.3, 0.495)])
     assert [point.solid["flap"].formulation for point in scenes] == ["displacement"] * 2
@@ -86,8 +78,7 @@ def test_sweeps_keep_what_the_scene_has() -> None:
     low = {"geometry.flap_height": 0.1}
     assert with_values(scene.settled(), low) == with_values(scene, low)
     sent = Scene.from_toml(tomli_w.dumps(scene.settled().given()))
-    assert sent == scene
-    assert with_values(sent, low) == with_values(scene, low)
+    assert sent == scene and with_values(sent, low) == with_values(scene, low)
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -118,13 +109,10 @@ def test_none_removes_a_key(key: str) -> None:
     assert with_values(with_values(scene, {key: None}), {key: None}) == with_values(scene, {key: None})
 
 
-def test_none_as_a_text_and_of_an_unknown_key() -> None:
+def test_none_as_a_text_and_sizes_by_the_body() -> None:
     assert load_scene("turek-fsi1", ['description="none"']).description == "none"
     with pytest.raises(SceneError, match=r'inflow.ramb.*did you mean "inflow.ramp"'):
         load_scene("turek-fsi3", ["inflow.ramb=none"])
-
-
-def test_element_sizes_follow_the_body() -> None:
     larger = ["geometry.cylinder_radius=0.1", "geometry.height=0.9", "geometry.cylinder_y=0.4"]
     sizes, stated = CASES["turek-fsi1"].mesh, CASES["turek-fsi3"].mesh
     twice = {key: 2 * getattr(sizes, key) for key in ("far_size", "body_size", "corner_size")}

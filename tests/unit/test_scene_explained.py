@@ -18,11 +18,7 @@ from ffsi.scene.keys import scene_keys
 
 VALIDATOR = Draft202012Validator(Scene.model_json_schema())
 
-
-@pytest.fixture(autouse=True)
-def in_an_empty_folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("COLUMNS", "300")
+pytestmark = pytest.mark.usefixtures("in_an_empty_folder")
 
 
 @pytest.fixture
@@ -40,9 +36,6 @@ def call(capsys, *arguments: str) -> tuple[int, str, str]:
     return int(stopped.value.code or 0), out, " ".join(err.split())
 
 
-# Keys -----------------------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("case", CASES)
 def test_the_keys_of_a_scene_have_its_values_and_names(case):
     scene = CASES[case]
@@ -52,13 +45,10 @@ def test_the_keys_of_a_scene_have_its_values_and_names(case):
         assert tomllib.loads(f"x = {values[key]}")["x"] == (pytest.approx(value) if values[key][0] != '"' else value)
 
 
-def test_the_keys_of_a_scene_are_those_that_it_can_have():
+def test_the_keys_of_a_scene_and_of_a_case(capsys):
     keys = {item.key for item in scene_keys(scene=CASES["cook"])}
     assert keys > {"solid.membrane.young_modulus", "geometry.rise", "gravity.x"}
     assert not keys & {"fluid.law", "inflow.mean_velocity", "geometry.length", "solid.membrane.c10"}
-
-
-def test_the_command_lists_the_keys_of_a_case(capsys):
     code, out, _ = call(capsys, "keys", "turek-fsi1", "solid", "--json")
     found = {item["key"]: item for item in json.loads(out)}
     assert code == 0 and found["solid.beam.poisson_ratio"]["value"] == "0.4"
@@ -66,29 +56,20 @@ def test_the_command_lists_the_keys_of_a_case(capsys):
     assert code == 0 and "solid.beam.density" in out and "value" in out and "flap_height" not in out
 
 
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (["turek-fsi1", "geometry.flap_height"], "no key of turek-fsi1 is 'geometry.flap_height'"),
-        (["turek-fsj1", "fluid"], 'did you mean "turek-fsi1"?'),
-        (["nowhere.toml"], "no such file"),
-        (["a", "b", "c"], "3 words; accepted: a case or scene file, and a pattern"),
-    ],
-)
+@pytest.mark.parametrize(("words", "said"), [
+    (["turek-fsi1", "geometry.flap_height"], "no key of turek-fsi1 is 'geometry.flap_height'"),
+    (["turek-fsj1", "fluid"], 'did you mean "turek-fsi1"?'),
+    (["nowhere.toml"], "no such file"),
+    (["a", "b", "c"], "3 words; accepted: a case or scene file, and a pattern"),
+])  # fmt: skip
 def test_the_command_refuses_other_words(words, said, capsys):
     code, out, err = call(capsys, "keys", *words)
     assert (code, out) == (2, "") and said in err
 
 
-# Schema ---------------------------------------------------------------------------------------------------------------
-
-
 def test_the_command_prints_the_schema(capsys):
     code, out, err = call(capsys, "schema")
     assert (code, err) == (0, "") and json.loads(out) == Scene.model_json_schema()
-
-
-# New ------------------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("kind", [kind for kind in kinds() if kind != MESH])
@@ -100,18 +81,14 @@ def test_every_draft_is_a_scene(kind):
             scene = Scene.from_toml(text)
             assert (scene.name, scene.physics, scene.mesh.level) == ("mine", what, 0)
             assert {solid.material for solid in scene.solid.values()} <= {material}
-            assert scene.steady is (material is None)
-            assert not list(VALIDATOR.iter_errors(tomllib.loads(text)))
+            assert scene.steady is (material is None) and not list(VALIDATOR.iter_errors(tomllib.loads(text)))
 
 
-def test_a_draft_says_what_its_keys_mean_and_keeps_units():
+def test_a_draft_says_what_its_keys_mean_and_is_as_stiff_as_its_case():
     text = draft("mine", Answers(velocity="20 cm/s"))
     assert 'mean_velocity = "20 cm/s"  # mean velocity of the built-in profiles, m/s' in text
     assert "[solid.flap]  # Neo-Hookean solid" in text
     assert Scene.from_toml(text).inflow.mean_velocity == pytest.approx(0.2)
-
-
-def test_a_material_of_a_draft_is_as_stiff_as_that_of_its_case():
     stiff = [
         Scene.from_toml(draft("mine", Answers("flap-channel", material=law))).solid["flap"].young_poisson
         for law in ("neo-hookean", "mooney-rivlin", "st-venant-kirchhoff")
@@ -119,29 +96,25 @@ def test_a_material_of_a_draft_is_as_stiff_as_that_of_its_case():
     assert stiff[1] == pytest.approx(stiff[0], rel=1e-5) and stiff[2] == pytest.approx(stiff[0], rel=1e-5)
 
 
-@pytest.mark.parametrize(
-    ("answers", "said"),
-    [
-        (Answers("flap-chanel"), 'did you mean "flap-channel"?'),
-        (Answers(what="both"), "solve"),
-        (Answers("cook", "fsi"), 'solve = "fsi": accepted with this domain: "solid"'),
-        (Answers(material="rubber"), "solid.flap.material"),
-        (Answers(velocity="3 m"), "inflow.mean_velocity"),
-        (Answers("cook", velocity="1 m/s"), "inflow"),
-        (Answers(end="soon"), 'time.end = "soon"'),
-        (Answers(level="9"), "mesh.level"),
-        (Answers(MESH), "mesh"),
-        (Answers(MESH, mesh="no.msh"), "no.msh"),
-    ],
-    ids=str,
-)
+@pytest.mark.parametrize(("answers", "said"), [
+    (Answers("flap-chanel"), 'did you mean "flap-channel"?'),
+    (Answers(what="both"), "solve"),
+    (Answers("cook", "fsi"), 'solve = "fsi": accepted with this domain: "solid"'),
+    (Answers(material="rubber"), "solid.flap.material"),
+    (Answers(velocity="3 m"), "inflow.mean_velocity"),
+    (Answers("cook", velocity="1 m/s"), "inflow"),
+    (Answers(end="soon"), 'time.end = "soon"'),
+    (Answers(level="9"), "mesh.level"),
+    (Answers(MESH), "mesh"),
+    (Answers(MESH, mesh="no.msh"), "no.msh"),
+], ids=str)  # fmt: skip
 def test_an_answer_that_cannot_be_used_is_refused(answers, said):
     with pytest.raises(SceneError) as error:
         draft("mine", answers)
     assert said in str(error.value)
 
 
-def test_a_draft_of_ones_own_mesh_finds_walls_and_solids(tmp_path):
+def test_names_are_guessed_in_a_draft_of_ones_own_mesh(tmp_path):
     vessel().write(tmp_path / "vessel.msh")
     text = draft("mine", Answers(MESH, mesh="vessel.msh", unit="mm"), tmp_path)
     geometry = tomllib.loads(text)["geometry"]
@@ -152,9 +125,6 @@ def test_a_draft_of_ones_own_mesh_finds_walls_and_solids(tmp_path):
         draft("mine", Answers(MESH, mesh="vessel.msh", outlet="outfow"))
     solid = tomllib.loads(draft("mine", Answers(MESH, mesh="vessel.msh", inlet="none")))
     assert solid["geometry"]["regions"] == {"lumen": "lumen", "wall": "wall"} and "fluid" not in solid
-
-
-def test_names_are_guessed():
     found = ["outside", "inflow", "outflow", "left end"]
     assert [guess(what, found) for what in ("inlet", "outlet", "clamped")] == ["inflow", "outside", "left end"]
     assert guess("inlet", ["a"]) == "none"
@@ -215,10 +185,7 @@ def test_what_an_option_says_is_not_asked(capsys, monkeypatch):
     assert asked == ["Of which material are the solids?"]
 
 
-# Show -----------------------------------------------------------------------------------------------------------------
-
-
-def test_the_dimensionless_numbers_of_published_cases():
+def test_numbers_and_inflow_in_words():
     found = {number.name: number.value for number in numbers(CASES["turek-fsi3"])}
     assert found["Reynolds number"] == pytest.approx(200) and found["mass ratio of beam"] == pytest.approx(1)
     assert found["stiffness ratio of beam"] == pytest.approx(1.4e3)
@@ -227,9 +194,6 @@ def test_the_dimensionless_numbers_of_published_cases():
     assert numbers(CASES["cook"])[0].value == pytest.approx(4 / 200)
     womersley = numbers(CASES["aneurysm-pulsatile"])[1]
     assert womersley.name == "Womersley number" and womersley.value == pytest.approx(1.613, rel=1e-3)
-
-
-def test_the_inflow_in_words():
     assert inlet_words(CASES["cook"]) == []
     steady, in_time = inlet_words(CASES["turek-fsi1"]), inlet_words(CASES["turek-fsi3"])
     assert steady == [
@@ -248,15 +212,12 @@ def test_the_command_tells_what_is_known_without_freefem(capsys):
     assert code == 4 and "FreeFem++ is not installed" in err
 
 
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (["turek-fsi1", "--set", "fluid.densty=1"], 'did you mean "fluid.density"?'),
-        (["turek-fsi1", "-o", "a.jpg"], "PNG"),
-        (["turek-fsi1", "-o", "no/a.png"], "no does not exist"),
-        (["none.toml"], "no such file"),
-    ],
-)
+@pytest.mark.parametrize(("words", "said"), [
+    (["turek-fsi1", "--set", "fluid.densty=1"], 'did you mean "fluid.density"?'),
+    (["turek-fsi1", "-o", "a.jpg"], "PNG"),
+    (["turek-fsi1", "-o", "no/a.png"], "no does not exist"),
+    (["none.toml"], "no such file"),
+])  # fmt: skip
 def test_a_scene_with_errors_is_not_shown(words, said, capsys):
     code, out, err = call(capsys, "show", *words)
     assert (code, out) == (2, "") and said in err

@@ -24,14 +24,11 @@ SCENE = load_scene("flap-svk", ["mesh.level=0", "output.pictures=false", "output
 
 def test_the_table_has_one_row_per_point(tmp_path, freefem):
     table = sweep(SCENE, {"fluid.density": [1.0, 2.0], KEY: [0.01, 0.02, 0.03]}, tmp_path / "sweep", jobs=2)
-    assert table[KEY].tolist() == [0.01, 0.02, 0.03] * 2
-    assert table["drag"].tolist() == [0.02, 0.04, 0.06] * 2
-    assert table["status"].tolist() == ["converged"] * 6
-    assert table["check_maximum"].tolist() == [1e-11] * 6
+    assert table[KEY].tolist() == [0.01, 0.02, 0.03] * 2 and table["drag"].tolist() == [0.02, 0.04, 0.06] * 2
+    assert table["status"].tolist() == ["converged"] * 6 and table["check_maximum"].tolist() == [1e-11] * 6
     assert table["folder"].tolist() == ["chain-001"] * 3 + ["chain-002"] * 3
     written = pd.read_csv(tmp_path / "sweep" / "sweep.csv")
-    assert list(written) == list(table)
-    assert written["drag"].tolist() == table["drag"].tolist()
+    assert list(written) == list(table) and written["drag"].tolist() == table["drag"].tolist()
     definition = tomllib.loads((tmp_path / "sweep" / "sweep.toml").read_text())
     assert definition["vary"] == {"fluid.density": [1.0, 2.0], KEY: [0.01, 0.02, 0.03]}
 
@@ -50,8 +47,7 @@ def test_after_a_crash_only_the_rest_runs(tmp_path, freefem):
     assert table["failure"].tolist() == ["", "", "crash", ""]
     freefem.die = None
     table = sweep(SCENE, {KEY: [0.01, 0.02, 0.03, 0.04]}, tmp_path / "sweep")
-    assert table["status"].tolist() == ["converged"] * 4
-    assert freefem.solved == [0.01, 0.02, 0.02, 0.04, 0.03]
+    assert table["status"].tolist() == ["converged"] * 4 and freefem.solved == [0.01, 0.02, 0.02, 0.04, 0.03]
     assert table["folder"].tolist() == ["chain-001", "chain-001", "chain-003", "chain-002"]
 
 
@@ -76,8 +72,7 @@ def test_points_that_do_not_converge_have_a_row_and_are_not_tried_again(tmp_path
     for _ in range(2):
         table = sweep(SCENE, {KEY: [0.01, 0.02, 0.03]}, tmp_path / "sweep")
         assert table["status"].tolist() == ["converged", "failed", "converged"]
-        assert table["reason"].tolist()[1] == "J too small"
-        assert table["failure"].tolist() == ["", "not-converged", ""]
+        assert table["reason"].tolist()[1] == "J too small" and table["failure"].tolist() == ["", "not-converged", ""]
     assert freefem.solved == [0.01, 0.01, 0.03]
 
 
@@ -91,8 +86,7 @@ def test_of_points_straight_beyond_two_that_fail_none_is_tried(tmp_path, freefem
         assert table_problems(tmp_path / "sweep") == []
         assert table["failure"].tolist() == ["", "", *["not-converged"] * 2, *["not-reached"] * 2]
         assert table["reason"].tolist()[-1].startswith("not reached: point ")
-    assert freefem.solved == [0.01, 0.02, 0.02]
-    assert tables[0] == tables[1]
+    assert freefem.solved == [0.01, 0.02, 0.02] and tables[0] == tables[1]
     shutil.rmtree(tmp_path / "sweep" / "chain-002")  # as if a kill had come before the second one was tried
     assert sweep(SCENE, vary, tmp_path / "sweep")["status"].tolist() == table["status"].tolist()
 
@@ -131,26 +125,21 @@ def test_a_killed_sweep_is_picked_up_from_the_files_of_its_complete_points(tmp_p
     freefem.solved.clear()
     table = sweep(SCENE, {KEY: [0.01, 0.02, 0.03]}, out)
     assert freefem.solved == [0.03]
-    assert table["status"].tolist() == ["converged"] * 3
-    assert table["check_maximum"].tolist() == [1e-11] * 3
+    assert table["status"].tolist() == ["converged"] * 3 and table["check_maximum"].tolist() == [1e-11] * 3
 
 
 def test_the_table_is_on_disk_while_the_sweep_runs(tmp_path, freefem, monkeypatch):
     sizes = []
     monkeypatch.setattr(study._Table, "add", _spy(study._Table.add, lambda: sizes.append(_rows(tmp_path / "s"))))
     sweep(SCENE, {KEY: [0.01, 0.02, 0.03]}, tmp_path / "s")
-    assert sizes[0] == 1
-    assert _rows(tmp_path / "s") == 3
+    assert sizes[0] == 1 and _rows(tmp_path / "s") == 3
 
 
-@pytest.mark.parametrize(
-    ("scene", "vary", "message"),
-    [
-        (SCENE, {KEY: [0.01, 0.03]}, r"vary.inflow.mean_velocity is \[0.01, 0.02\] there and \[0.01, 0.03\] here"),
-        (SCENE, {KEY: [0.01, 0.02], "mesh.level": [0]}, "vary.mesh.level is absent there"),
-        (load_scene("flap-svk", ["mesh.level=1"]), {KEY: [0.01, 0.02]}, "scene.mesh.level is 0 there and 1 here"),
-    ],
-)
+@pytest.mark.parametrize(("scene", "vary", "message"), [
+    (SCENE, {KEY: [0.01, 0.03]}, r"vary.inflow.mean_velocity is \[0.01, 0.02\] there and \[0.01, 0.03\] here"),
+    (SCENE, {KEY: [0.01, 0.02], "mesh.level": [0]}, "vary.mesh.level is absent there"),
+    (load_scene("flap-svk", ["mesh.level=1"]), {KEY: [0.01, 0.02]}, "scene.mesh.level is 0 there and 1 here"),
+])  # fmt: skip
 def test_another_definition_in_the_same_folder_is_refused(tmp_path, freefem, scene, vary, message):
     out = tmp_path / "sweep"
     sweep(SCENE, {KEY: [0.01, 0.02]}, out)
@@ -186,8 +175,7 @@ def test_a_failure_in_another_chain_never_replaces_a_result(tmp_path, worse):
         table = study._Table(tmp_path, [KEY], [{KEY: 0.01}])
         for number, failure in enumerate((first, second), start=1):
             table.add(result_of(tmp_path / f"chain-{number:03d}", failure, 2.5))
-        assert table.write()["drag"].tolist() == [2.5]
-        assert table.write()["failure"].tolist() == [""]
+        assert table.write()["drag"].tolist() == [2.5] and table.write()["failure"].tolist() == [""]
 
 
 def test_of_two_results_the_checked_one_and_else_the_first_counts(tmp_path):
@@ -205,16 +193,14 @@ def test_of_two_results_the_checked_one_and_else_the_first_counts(tmp_path):
         assert table.write()["drag"].tolist() == [drag]
 
 
-@pytest.mark.parametrize(
-    ("failure", "is_solved", "is_missing", "is_alone"),
-    [*(("", True, False, False), ("check", True, False, False), ("not-converged", False, False, True)),
-     *(("not-reached", False, True, False), ("crash", False, True, False), ("stopped", False, True, False))],
-)  # fmt: skip
+@pytest.mark.parametrize(("failure", "is_solved", "is_missing", "is_alone"), [
+    *(("", True, False, False), ("check", True, False, False), ("not-converged", False, False, True)),
+    *(("not-reached", False, True, False), ("crash", False, True, False), ("stopped", False, True, False)),
+])  # fmt: skip
 def test_what_has_to_run(tmp_path, failure, is_solved, is_missing, is_alone):
     table = study._Table(tmp_path, [KEY], [{KEY: 0.01}])
     table.add(result_of(tmp_path / "chain-001", failure))
-    assert table.solved() == [{KEY: 0.01}] * is_solved
-    assert table.missing() == [{KEY: 0.01}] * is_missing
+    assert table.solved() == [{KEY: 0.01}] * is_solved and table.missing() == [{KEY: 0.01}] * is_missing
     assert table.alone() == [{KEY: 0.01}] * is_alone
 
 
@@ -229,8 +215,7 @@ def test_a_sweep_is_locked_for_the_whole_call(tmp_path, freefem):
         refused.append(caught)
 
     table = sweep(SCENE, {KEY: [0.01, 0.02]}, tmp_path / "sweep", on_event=again)
-    assert len(refused) == 2
-    assert freefem.solved == [0.01, 0.02]
+    assert len(refused) == 2 and freefem.solved == [0.01, 0.02]
     assert table["status"].tolist() == ["converged"] * 2
     sweep(SCENE, {KEY: [0.01, 0.02]}, tmp_path / "sweep")
 
@@ -242,17 +227,14 @@ def test_a_failed_point_has_no_quantities_but_what_was_reached(tmp_path, freefem
     assert table["reached_tip_ux"].notna().tolist() == [False, True, False]
     assert list(table)[-4:] == ["check_maximum", "seconds", "folder", "point"]
     data = json.loads((tmp_path / "sweep" / "chain-001" / "result-0002.json").read_text())
-    assert data["quantities"] == {}
-    assert data["reached"]["tip_ux"] == 0.01 * 0.02
-    assert data["reached"][KEY] == 0.02
+    assert data["quantities"] == {} and data["reached"]["tip_ux"] == 0.01 * 0.02 and data["reached"][KEY] == 0.02
 
 
 def test_what_failed_the_check_does_not_stand_among_the_quantities(tmp_path, freefem, check):
     check.wrong = 0.02
     table = sweep(SCENE, {KEY: [0.01, 0.02, 0.03]}, tmp_path / "sweep")
     assert table["checked"].tolist() == [True, False, True]
-    assert table["drag"].notna().tolist() == [True, False, True]
-    assert table["reached_drag"].tolist()[1] == 0.04
+    assert table["drag"].notna().tolist() == [True, False, True] and table["reached_drag"].tolist()[1] == 0.04
 
 
 def test_what_nobody_checked_is_checked_by_the_next_call(tmp_path, freefem, check):
@@ -262,10 +244,8 @@ def test_what_nobody_checked_is_checked_by_the_next_call(tmp_path, freefem, chec
     assert check.calls == []
     check.wrong = 0.02
     table = sweep(SCENE, {KEY: [0.01, 0.02]}, tmp_path / "sweep")
-    assert check.calls == [(0.01, 1), (0.02, 2)]
-    assert freefem.solved == [0.01, 0.02]
-    assert table["checked"].tolist() == [True, False]
-    assert table["failure"].tolist() == ["", "check"]
+    assert check.calls == [(0.01, 1), (0.02, 2)] and freefem.solved == [0.01, 0.02]
+    assert table["checked"].tolist() == [True, False] and table["failure"].tolist() == ["", "check"]
 
 
 def _spy(method, after):
@@ -282,8 +262,7 @@ def _rows(path) -> int:
 
 def test_a_study_is_read_from_its_folder(tmp_path, freefem):
     vary = {KEY: [0.01, 0.02], "fluid.viscosity": [1e-3, 2e-3]}
-    table = sweep(SCENE, vary, tmp_path / "s")
-    study = ffsi.Study(tmp_path / "s")
+    table, study = sweep(SCENE, vary, tmp_path / "s"), ffsi.Study(tmp_path / "s")
     pd.testing.assert_frame_equal(study.table, table)
     assert study.table.attrs["units"][KEY] == "m/s"
     units = pd.read_csv(tmp_path / "s" / "sweep.units.csv").set_index("column")["unit"]
@@ -291,8 +270,7 @@ def test_a_study_is_read_from_its_folder(tmp_path, freefem):
     assert study.result(2).quantities["drag"] == table["drag"][2]
     assert len(study.plot(KEY, "drag", by="fluid.viscosity").axes[0].get_lines()) == 2
     grid = study.to_xarray()
-    assert grid["drag"].sel({KEY: 0.02, "fluid.viscosity": 2e-3}) == 0.04
-    assert grid["drag"].attrs["units"] == "N/m"
+    assert grid["drag"].sel({KEY: 0.02, "fluid.viscosity": 2e-3}) == 0.04 and grid["drag"].attrs["units"] == "N/m"
     assert {path.suffix for path in study.write_fields([0])} == {".vtu", ".png"}
     assert repr(study).endswith("all 4 points solved and checked")
     for call in (
@@ -310,8 +288,7 @@ def test_a_study_is_read_from_its_folder(tmp_path, freefem):
 
 def test_rows_with_equal_values_of_different_keys_are_different_points(tmp_path, freefem):
     sweep(SCENE, [{KEY: 1.0}, {"fluid.viscosity": 1.0}], tmp_path / "s")
-    assert len(ffsi.Study(tmp_path / "s").table) == 2
-    assert table_problems(tmp_path / "s") == []
+    assert len(ffsi.Study(tmp_path / "s").table) == 2 and table_problems(tmp_path / "s") == []
 
 
 def test_rows_are_no_product(tmp_path, freefem):

@@ -24,31 +24,27 @@ KEY = "inflow.mean_velocity"
 SCENE = load_scene("flap-svk", ["mesh.level=0", "output.pictures=false", "output.vtu=false"])
 
 
-@pytest.mark.parametrize(
-    ("text", "values"),
-    [
-        ("k=0.012:0.12:0.012", [0.012, 0.024, 0.036, 0.048, 0.06, 0.072, 0.084, 0.096, 0.108, 0.12]),
-        ("k=0.0055:0.055:0.0055", [0.0055, 0.011, 0.0165, 0.022, 0.0275, 0.033, 0.0385, 0.044, 0.0495, 0.055]),
-        ("k=0:1:0.4", [0.0, 0.4, 0.8]),
-        ("k=1:0:-0.5", [1.0, 0.5, 0.0]),
-        ("k=3:3:1", [3]),
-        ("k=0:4:2", [0, 2, 4]),
-        ("k=1e-9:3e-9:1e-9", [1e-9, 2e-9, 3e-9]),
-        ("k=5,1e3,-2.5", [5, 1000.0, -2.5]),
-        (" k = 1 , 2 ", [1, 2]),
-        ("k=0, 3 cm/s", [0, "3 cm/s"]),
-        ("k=7", [7]),
-        ("k=4 Pa, 6e1 kPa", ["4 Pa", "6e1 kPa"]),
-        ("k=0.1:0.3:0.1 m/s", ["0.1 m/s", "0.2 m/s", "0.3 m/s"]),
-        ('k=parabolic,"uniform",true', ["parabolic", "uniform", True]),
-        ("k=a:b", ["a:b"]),
-    ],
-)
+@pytest.mark.parametrize(("text", "values"), [
+    ("k=0.012:0.12:0.012", [0.012, 0.024, 0.036, 0.048, 0.06, 0.072, 0.084, 0.096, 0.108, 0.12]),
+    ("k=0.0055:0.055:0.0055", [0.0055, 0.011, 0.0165, 0.022, 0.0275, 0.033, 0.0385, 0.044, 0.0495, 0.055]),
+    ("k=0:1:0.4", [0.0, 0.4, 0.8]),
+    ("k=1:0:-0.5", [1.0, 0.5, 0.0]),
+    ("k=3:3:1", [3]),
+    ("k=0:4:2", [0, 2, 4]),
+    ("k=1e-9:3e-9:1e-9", [1e-9, 2e-9, 3e-9]),
+    ("k=5,1e3,-2.5", [5, 1000.0, -2.5]),
+    (" k = 1 , 2 ", [1, 2]),
+    ("k=0, 3 cm/s", [0, "3 cm/s"]),
+    ("k=7", [7]),
+    ("k=4 Pa, 6e1 kPa", ["4 Pa", "6e1 kPa"]),
+    ("k=0.1:0.3:0.1 m/s", ["0.1 m/s", "0.2 m/s", "0.3 m/s"]),
+    ('k=parabolic,"uniform",true', ["parabolic", "uniform", True]),
+    ("k=a:b", ["a:b"]),
+])  # fmt: skip
 def test_ranges_and_lists_are_exact(text, values):
     key, found = parse_vary(text)
     assert key == "k"
-    assert found == values
-    assert [type(value) for value in found] == [type(value) for value in values]
+    assert found == values and [type(value) for value in found] == [type(value) for value in values]
 
 
 def test_a_range_of_samples():
@@ -56,64 +52,53 @@ def test_a_range_of_samples():
     assert parse_vary("k=2 cm/s:4 cm/s", sampled=True) == ("k", ["2 cm/s", "4 cm/s"])
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("k=1:2", "START:STOP:STEP"),
-        ("k", "KEY=START:STOP:STEP"),
-        ("k=", "KEY=START:STOP:STEP"),
-        ("=1,2", "KEY=START:STOP:STEP"),
-        ("k=1:2:3:4", "START:STOP:STEP"),
-        ("k=1:2:0", "does not lead"),
-        ("k=1:2:-1", "does not lead"),
-        ("k=2:1:1", "does not lead"),
-        ("k=1,,2", "a value is empty"),
-        ("k=1:two:3", "'two' is no number"),
-        ("k=1 mm:3 m:1 m", "one unit, at the end"),
-        ("k=1 mm:3:1", "one unit, at the end"),
-        ("k=2, 3 cm/s", "each value its unit"),
-        ("k=2 cm/s, 3", "each value its unit"),
-        ("k=1,nan", "not finite"),
-        ("k=1:inf:1", "not finite"),
-        ("k=0:1:1e-9", "more than 100000"),
-    ],
-)
+@pytest.mark.parametrize(("text", "message"), [
+    ("k=1:2", "START:STOP:STEP"), ("k", "KEY=START:STOP:STEP"), ("k=", "KEY=START:STOP:STEP"),
+    ("=1,2", "KEY=START:STOP:STEP"), ("k=1:2:3:4", "START:STOP:STEP"), ("k=1:2:0", "does not lead"),
+    ("k=1:2:-1", "does not lead"), ("k=2:1:1", "does not lead"), ("k=1,,2", "a value is empty"),
+    ("k=1:two:3", "'two' is no number"), ("k=1 mm:3 m:1 m", "one unit, at the end"),
+    ("k=1 mm:3:1", "one unit, at the end"), ("k=2, 3 cm/s", "each value its unit"),
+    ("k=2 cm/s, 3", "each value its unit"), ("k=1,nan", "not finite"), ("k=1:inf:1", "not finite"),
+    ("k=0:1:1e-9", "more than 100000"),
+])  # fmt: skip
 def test_bad_ranges_are_named(text, message):
     with pytest.raises(InputError, match=message):
         parse_vary(text)
 
 
-def test_a_key_may_come_only_once():
+def test_keys_rows_and_chains():
     assert list(parse_all(["a=1,2", "b=3"])) == ["a", "b"]
     with pytest.raises(InputError, match="twice"):
         parse_all(["a=1,2", "a=3"])
-
-
-def pieces(vary, workers=1, scene=SCENE, **design):
-    return plan(scene, columns_of(scene, vary, **design)[1], workers)
-
-
-def test_points_with_one_mesh_and_script_are_one_chain_in_an_order_to_go_on_from():
+    mooney = {"solid.flap.material": "mooney-rivlin", "solid.flap.c10": "1 Pa", "solid.flap.c01": 0.5,
+              "solid.flap.bulk_modulus": 20}  # fmt: skip
+    rows = [{KEY: 0.02}, {KEY: "4 cm/s", **mooney}, {KEY: 0.02}]
+    for vary in (rows, pd.DataFrame(rows)):
+        definition, points = columns_of(SCENE, vary)
+        assert points == [{KEY: 0.02}, {KEY: 0.04, **mooney, "solid.flap.c10": 1.0, "solid.flap.bulk_modulus": 20.0}]
+        assert definition["vary"]["solid.flap.c01"] == ["", 0.5]
+    assert [len(piece) for piece in plan(SCENE, points)] == [1, 1]
+    assert columns_of(SCENE, [{f" {KEY} ": 0.02, "mesh.level": 1}])[1] == [{KEY: 0.02, "mesh.level": 1}]
+    with pytest.raises(SceneError, match=r"mesh\.level = 9.*point 3"):
+        columns_of(SCENE, [{"mesh.level": 1}, {"mesh.level": 1}, {"mesh.level": 9}])
     found = pieces({"fluid.viscosity": [1e-3, 2e-3], KEY: [0.3, 0.1, 0.2], "mesh.level": [0, 1]})
     assert [{values["mesh.level"] for values in piece} for piece in found] == [{0}, {1}]
     assert [(values["fluid.viscosity"], values[KEY]) for values in found[0]] == [
         *((1e-3, 0.1), (1e-3, 0.2), (1e-3, 0.3), (2e-3, 0.3), (2e-3, 0.2), (2e-3, 0.1)),
     ]  # fmt: skip
     assert list(found[0][0]) == ["fluid.viscosity", KEY, "mesh.level"]
-
-
-def test_a_chain_is_cut_for_the_workers_where_that_pays():
     values = [round(0.01 * i, 2) for i in range(1, 21)]
     assert [[p[KEY] for p in piece] for piece in pieces({KEY: values}, 2)] == [values[:10], values[10:]]
     assert [len(piece) for piece in pieces({KEY: values[:5]}, 4)] == [5]
     assert [len(piece) for piece in pieces({KEY: values, "mesh.level": [0, 1]}, 4)] == [10, 10, 10, 10]
-
-
-def test_what_needs_another_mesh_or_script_is_its_own_chain():
     assert [len(piece) for piece in pieces({"mesh.level": [0, 1, 2]})] == [1, 1, 1]
     assert [len(piece) for piece in pieces({"inflow.profile": ["parabolic", "uniform"], KEY: [0.1, 0.2]})] == [2, 2]
     in_time = load_scene("turek-csm3", [])
     assert [len(piece) for piece in pieces({"solid.beam.density": [800, 1000]}, 1, in_time)] == [1, 1]
+
+
+def pieces(vary, workers=1, scene=SCENE, **design):
+    return plan(scene, columns_of(scene, vary, **design)[1], workers)
 
 
 @pytest.mark.parametrize("vary", [{}, {KEY: []}, [], [{}], pd.DataFrame({KEY: []})])
@@ -137,8 +122,7 @@ def points_with(values, key=KEY):
 )  # fmt: skip
 def test_values_of_any_type_are_numbers_in_si(values):
     found = points_with(values)
-    assert found == [0.02, 0.04]
-    assert all(type(value) is float for value in found)
+    assert found == [0.02, 0.04] and all(type(value) is float for value in found)
 
 
 @pytest.mark.parametrize(
@@ -164,23 +148,6 @@ def test_values_are_what_the_scene_makes_of_them(key, values, found):
     else:
         assert points_with(values, key) == found
         assert [type(value) for value in points_with(values, key)] == [type(value) for value in found]
-
-
-def test_points_may_be_rows_that_leave_keys_out():
-    mooney = {"solid.flap.material": "mooney-rivlin", "solid.flap.c10": "1 Pa", "solid.flap.c01": 0.5,
-              "solid.flap.bulk_modulus": 20}  # fmt: skip
-    rows = [{KEY: 0.02}, {KEY: "4 cm/s", **mooney}, {KEY: 0.02}]
-    for vary in (rows, pd.DataFrame(rows)):
-        definition, points = columns_of(SCENE, vary)
-        assert points == [{KEY: 0.02}, {KEY: 0.04, **mooney, "solid.flap.c10": 1.0, "solid.flap.bulk_modulus": 20.0}]
-        assert definition["vary"]["solid.flap.c01"] == ["", 0.5]
-    assert [len(piece) for piece in plan(SCENE, points)] == [1, 1]
-
-
-def test_keys_of_rows_may_have_blanks_and_points_are_numbered_as_given():
-    assert columns_of(SCENE, [{f" {KEY} ": 0.02, "mesh.level": 1}])[1] == [{KEY: 0.02, "mesh.level": 1}]
-    with pytest.raises(SceneError, match=r"mesh\.level = 9.*point 3"):
-        columns_of(SCENE, [{"mesh.level": 1}, {"mesh.level": 1}, {"mesh.level": 9}])
 
 
 def test_designs():
@@ -243,8 +210,7 @@ def test_of_very_many_points_corners_are_checked(monkeypatch):
     checked = []
     monkeypatch.setattr(designs, "with_values", lambda *given: checked.append(with_values(*given)))
     vary = {KEY: np.linspace(0.01, 0.1, 10), "geometry.flap_height": np.linspace(0.1, 0.2, 10)}
-    assert len(columns_of(SCENE, vary)[1]) == 100
-    assert len(checked) == 4
+    assert len(columns_of(SCENE, vary)[1]) == 100 and len(checked) == 4
     with pytest.raises(SceneError, match=r"geometry\.flap_height"):
         columns_of(SCENE, vary | {"geometry.flap_height": np.linspace(0.1, 2.0, 10)})
 
@@ -256,13 +222,10 @@ def test_keys_and_values_are_checked_before_anything_is_written(tmp_path, freefe
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize(
-    ("values", "is_beyond"),
-    [
-        ({"a": 3.0, "b": 1.0}, True), ({"a": 1.5, "b": 1.0}, False), ({"a": 0.5, "b": 1.0}, False),
-        ({"a": 3.0, "b": 2.0}, False), ({"a": 3.0}, False),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("values", "is_beyond"), [
+    ({"a": 3.0, "b": 1.0}, True), ({"a": 1.5, "b": 1.0}, False), ({"a": 0.5, "b": 1.0}, False),
+    ({"a": 3.0, "b": 2.0}, False), ({"a": 3.0}, False),
+])  # fmt: skip
 def test_beyond_a_failed_point_is_what_lies_on_one_line(values, is_beyond):
     assert beyond(values, {"a": 2.0, "b": 1.0}, {"a": 1.0, "b": 1.0}) == is_beyond
     assert not beyond(values, {"a": 2.0, "b": 2.0}, {"a": 1.0, "b": 1.0})
@@ -304,17 +267,10 @@ def test_a_setting_of_the_call_wins_over_the_study_s_and_json_has_all_digits(tmp
     assert tomllib.loads(Path("a/sweep.toml").read_text())["scene"]["mesh"]["level"] == 1
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("a,b\n0,02,1\n", "line 2 has 3 cells under 2 keys"),
-        ("a, a\n1,2\n", "a comes twice"),
-        ("a\n", "holds no points"),
-        ("a,\n1,\n", "a cell without a key"),
-        ("a\nnan\n", "not finite"),
-        ('a,b\n"x, y",True\n 2 ,\n', None),
-    ],
-)
+@pytest.mark.parametrize(("text", "message"), [
+    ("a,b\n0,02,1\n", "line 2 has 3 cells under 2 keys"), ("a, a\n1,2\n", "a comes twice"), ("a\n", "holds no points"),
+    ("a,\n1,\n", "a cell without a key"), ("a\nnan\n", "not finite"), ('a,b\n"x, y",True\n 2 ,\n', None),
+])  # fmt: skip
 def test_a_file_of_points(tmp_path, text, message):
     path = tmp_path / "points.csv"
     path.write_text(text)
@@ -325,24 +281,20 @@ def test_a_file_of_points(tmp_path, text, message):
             read_points(path)
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        (STUDY.replace("design", "desing"), 'did you mean "design"'),
-        (STUDY.replace("[vary]", "[vray]"), 'did you mean "vary"'),
-        (STUDY.replace('scene = "flap-svk"', ""), "scene is missing"),
-        (STUDY.replace('"zip"', "3"), "design = 3: accepted: a text"),
-        (STUDY.replace("[vary]", "[[vary]]"), "accepted: a table"),
-        (STUDY.replace("0.02", "-1"), "inflow.mean_velocity = -1"),
-        (STUDY.replace("flap-svk", "flap-svq"), 'did you mean "flap-svk"'),
-        ('points = "p.csv"' + STUDY, "either vary or points"),
-        (STUDY + '"inflow.mean_velocity" = [1]\n', "comes twice"),
-    ],
-)
+@pytest.mark.parametrize(("text", "message"), [
+    (STUDY.replace("design", "desing"), 'did you mean "design"'),
+    (STUDY.replace("[vary]", "[vray]"), 'did you mean "vary"'),
+    (STUDY.replace('scene = "flap-svk"', ""), "scene is missing"),
+    (STUDY.replace('"zip"', "3"), "design = 3: accepted: a text"),
+    (STUDY.replace("[vary]", "[[vary]]"), "accepted: a table"),
+    (STUDY.replace("0.02", "-1"), "inflow.mean_velocity = -1"),
+    (STUDY.replace("flap-svk", "flap-svq"), 'did you mean "flap-svk"'),
+    ('points = "p.csv"' + STUDY, "either vary or points"),
+    (STUDY + '"inflow.mean_velocity" = [1]\n', "comes twice"),
+])  # fmt: skip
 def test_what_is_no_study_is_refused(tmp_path, freefem, monkeypatch, capsys, text, message):
     monkeypatch.chdir(tmp_path)
     Path("study.toml").write_text(text)
     with pytest.raises(SystemExit, match="2"):
         main(["sweep", "study.toml", "--out", "a"])
-    assert message in capsys.readouterr().err
-    assert not Path("a").exists()
+    assert message in capsys.readouterr().err and not Path("a").exists()

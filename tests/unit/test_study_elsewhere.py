@@ -48,8 +48,7 @@ def test_pieces_of_a_pool_that_breaks_run_here(tmp_path, freefem):
     vary = {KEY: [0.01, 0.02, 0.03], "mesh.level": [0, 1, 2]}
     with Breaking(1) as pool:
         table = sweep(SCENE, vary, tmp_path / "sweep", executor=pool)
-    assert table["status"].tolist() == ["converged"] * 9
-    assert len(freefem.solved) == 9
+    assert table["status"].tolist() == ["converged"] * 9 and len(freefem.solved) == 9
 
 
 class KilledWorker(Exception):
@@ -71,20 +70,14 @@ def test_pieces_that_no_worker_takes_or_survives_run_here(tmp_path, freefem, err
     assert table["status"].tolist() == ["converged"] * 2
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"executor": 3}, "executor = 3: accepted"), ({"dask": 3}, "dask = 3: accepted"),
-        ({"executor": 3, "dask": "tcp://x"}, "not both"), ({"jobs": 0}, "jobs = 0"), ({"cache": 3}, "cache = 3"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("arguments", "message"), [
+    ({"executor": 3}, "executor = 3: accepted"), ({"dask": 3}, "dask = 3: accepted"),
+    ({"executor": 3, "dask": "tcp://x"}, "not both"), ({"jobs": 0}, "jobs = 0"), ({"cache": 3}, "cache = 3"),
+])  # fmt: skip
 def test_what_cannot_run_a_sweep_is_refused(tmp_path, freefem, arguments, message):
     with pytest.raises(InputError, match=message):
         sweep(SCENE, {KEY: [0.01]}, tmp_path / "s", **arguments)
     assert list(tmp_path.iterdir()) == []
-
-
-# A cache --------------------------------------------------------------------------------------------------------------
 
 
 def test_studies_that_share_a_cache_solve_no_point_twice(tmp_path, freefem, check):
@@ -93,14 +86,11 @@ def test_studies_that_share_a_cache_solve_no_point_twice(tmp_path, freefem, chec
     vary = [{KEY: "2 cm/s", "fluid.density": 1.0}, {KEY: 0.04}, {KEY: 0.03}]
     two = sweep(with_values(SCENE, {"fluid.density": 1.0}), vary, tmp_path / "two", cache=tmp_path / "cache")
     expected = [0.01, 0.02, 0.03, *([0.04] if SCENE.fluid.density == 1.0 else [0.02, 0.03, 0.04])]
-    assert freefem.solved == expected
-    assert two["drag"].tolist() == [0.04, 0.08, 0.06]
+    assert freefem.solved == expected and two["drag"].tolist() == [0.04, 0.08, 0.06]
     assert two["checked"].all() and len(check.calls) == checks + 3
-    assert table_problems(tmp_path / "two") == []
-    assert one["drag"].tolist() == [0.02, 0.04, 0.06]
+    assert table_problems(tmp_path / "two") == [] and one["drag"].tolist() == [0.02, 0.04, 0.06]
     again = sweep(SCENE, {KEY: [0.03]}, tmp_path / "three", cache=tmp_path / "cache")
-    assert freefem.solved == expected
-    assert again["drag"].tolist() == [0.06]
+    assert freefem.solved == expected and again["drag"].tolist() == [0.06]
 
 
 @pytest.mark.parametrize("damage", ["nothing", "missing", "cut", "refused"])

@@ -56,8 +56,7 @@ def test_histories_that_are_none(directory, text, message):
 def test_a_checkpoint_that_was_cut_off_is_none(directory, part):
     path = directory / "checkpoint-b.bin"
     found = read_checkpoint(path)
-    assert found is not None
-    assert (found.step, found.time) == (9, 0.1 * 9)
+    assert found is not None and (found.step, found.time) == (9, 0.1 * 9)
     truncate(path, part)
     assert read_checkpoint(path) is None
     path.unlink()
@@ -81,8 +80,7 @@ def test_the_kept_checkpoint_gets_the_second_name(directory, name):
     kept = keep_checkpoint(found)
     assert kept.name == "checkpoint-b.bin"
     again = read_checkpoint(kept)
-    assert again is not None
-    assert again.step == found.step
+    assert again is not None and again.step == found.step
 
 
 @pytest.mark.parametrize("cut", [False, True])
@@ -95,8 +93,7 @@ def test_everything_after_a_step_is_taken_out(directory, cut):
         cut_back(directory, 9)
         assert read_history(directory)["time"].tolist() == pytest.approx([0.1 * i for i in range(1, 10)])
         rows = (directory / "newton.csv").read_text().splitlines()
-        assert len(rows) == 1 + 18
-        assert rows[0] + "\n" == NEWTON_HEAD
+        assert len(rows) == 1 + 18 and rows[0] + "\n" == NEWTON_HEAD
         assert [step.step for step in read_saved_steps(directory)] == [4, 8]
         states = sorted(path.name for path in directory.glob("state-*"))
         assert states == [f"state-{i:06d}.bin" for i in (3, 4, 7, 8)]
@@ -119,28 +116,21 @@ def test_a_checkpoint_with_the_sums_of_a_cycle(directory, more, whole):
     assert (read_checkpoint(directory / "checkpoint-b.bin") is not None) == whole
 
 
-def test_saved_steps_need_both_files(directory):
+def test_saved_steps_need_both_files_and_seconds_add_up(directory):
     assert len(read_saved_steps(directory)) == 3
     (directory / "state-000007.bin").unlink()
     assert [step.step for step in read_saved_steps(directory)] == [4, 12]
     shutil.rmtree(directory)
     assert read_saved_steps(directory) == []
+    history = pd.DataFrame({"seconds": [5.0, 6.0, 8.0, 3.0, 3.5, 1.0]})
+    assert seconds_of_steps(history).tolist() == [1.0, 2.0, 0.5] and seconds_of_run(history) == 8.0 + 3.5 + 1.0
+    assert seconds_of_run(history[:0]) == 0.0
 
 
-def test_steps_of_a_solid_have_no_forces(directory):
+def test_damaged_steps_are_named_and_those_of_a_solid_have_no_forces(directory):
     path = directory / "steps.csv"
     path.write_text(path.read_text().replace(",1,2\n", ",,\n"))
     assert [step.quantities for step in read_steps(directory)] == [{}, {}, {}]
-
-
-def test_damaged_steps_are_named(directory):
     (directory / "steps.csv").write_text("step,time\n4,0.4\n")
     with pytest.raises(InputError, match=r"steps.csv is damaged: 'drag'|steps.csv is damaged"):
         read_saved_steps(directory)
-
-
-def test_seconds_of_a_run_in_several_processes():
-    history = pd.DataFrame({"seconds": [5.0, 6.0, 8.0, 3.0, 3.5, 1.0]})
-    assert seconds_of_steps(history).tolist() == [1.0, 2.0, 0.5]
-    assert seconds_of_run(history) == 8.0 + 3.5 + 1.0
-    assert seconds_of_run(history[:0]) == 0.0

@@ -14,7 +14,6 @@ from ffsi.script.render import parameters, render
 
 
 def same(there: Scene, here: Scene) -> None:
-    """Assert that two scenes differ by rounding only."""
     assert there.words() == here.words()
     numbers = there.parameters()
     assert numbers.keys() == here.parameters().keys()
@@ -23,7 +22,6 @@ def same(there: Scene, here: Scene) -> None:
 
 
 def follows(scaled: Scene, scene: Scene, length: float) -> None:
-    """Assert that what follows from the geometry grows with the unit of length."""
     for there, here in zip(boundaries(scaled), boundaries(scene), strict=True):
         assert (there.name, there.role, there.part) == (here.name, here.role, here.part)
         assert there.exact_length == pytest.approx(length * here.exact_length, rel=1e-11)
@@ -34,21 +32,13 @@ def follows(scaled: Scene, scene: Scene, length: float) -> None:
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_catalogue_in_other_units(name: str) -> None:
+def test_catalogue_in_other_units_with_its_default_sizes(name: str) -> None:
     scene = CASES[name]
     for length, mass, time in FACTORS:
         scaled = in_units(scene, length, mass, time)
         assert render(scaled)
         follows(scaled, scene, length)
         same(in_units(scaled, 1 / length, 1 / mass, 1 / time), scene)
-
-
-# What is not given follows from what is: a table in other units without these keys is that scene in those units.
-FOLLOWING = ("growth", "far_size", "body_size", "corner_size")
-
-
-@pytest.mark.parametrize("name", CASES)
-def test_default_sizes_follow_the_geometry(name: str) -> None:
     table = CASES[name].model_dump(exclude_none=True)
     for key in FOLLOWING:
         del table["mesh"][key]
@@ -64,6 +54,10 @@ def test_default_sizes_follow_the_geometry(name: str) -> None:
             scale = 1.0 if key == "growth" else length
             assert getattr(there.mesh, key) == pytest.approx(scale * getattr(scene.mesh, key), rel=1e-14, abs=0)
         same(in_units(there, 1 / length, 1.0, 1.0), scene)
+
+
+# What is not given follows from what is: a table in other units without these keys is that scene in those units.
+FOLLOWING = ("growth", "far_size", "body_size", "corner_size")
 
 
 def test_formulas_keep_their_values() -> None:
@@ -101,13 +95,10 @@ def test_other_keys_in_other_units(overrides: list[str]) -> None:
         same(in_units(scaled, 1 / length, 1 / mass, 1 / time), scene)
 
 
-def test_factors() -> None:
+def test_factors_and_a_mesh_of_a_file_in_other_units(tmp_path: Path) -> None:
     assert factor_of("Pa s/m^2", 2.0, 3.0, 5.0) == pytest.approx(3 / 2**3 / 5)
     assert factor_of("Pa s^m", 2.0, 3.0, 5.0, 0.5) == pytest.approx(3 / 2 / 5**2 * 5**0.5)
     assert factor_of("m^2/Pa", 2.0, 3.0, 5.0) == pytest.approx(2**3 * 5**2 / 3)
-
-
-def test_mesh_of_a_file_in_other_units(tmp_path: Path) -> None:
     scene = load_scene(write_scene(tmp_path))
     for length in (1e-6, 1e6):
         (tmp_path / str(length)).mkdir()
@@ -124,7 +115,6 @@ CHOSEN |= {"unit_of_rest": "m/s", "unit_of_stiffness": "Pa"}
 
 
 def chosen(scene: Scene) -> dict[str, float]:
-    """Return what the script takes its units from, in SI."""
     numbers = parameters(scene)
     names = {p.variable: p.value for p in numbers} | {"sqrt": math.sqrt}
     found = units_of(scene, numbers)

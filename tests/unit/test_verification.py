@@ -21,7 +21,6 @@ ALL_BLOCKS = "".join(f"<!-- {s.block}:begin -->\nold\n<!-- {s.block}:end -->\n" 
 
 
 def run(case: str = "turek-fsi1", level: int = 2, **changes: object) -> Run:
-    """A run whose drag and lift are 1 % above the published values of FSI1."""
     data = {
         "case": case, "status": "converged", "failure": "", "reason": "", "level": level, "unknowns": 24000,
         "triangles": 2800, "newton": {"iterations": 6, "factorizations": 1},
@@ -33,7 +32,6 @@ def run(case: str = "turek-fsi1", level: int = 2, **changes: object) -> Run:
 
 
 def variant_run(variant: Variant, level: int, **quantities: float) -> Run:
-    """A run of a variant with these quantities."""
     return Run(variant.case, run(variant.case, level, quantities=quantities).data, variant.name)
 
 
@@ -44,7 +42,6 @@ def failed(variant: Variant, level: int) -> Run:
 
 @pytest.fixture
 def calls(monkeypatch) -> list[tuple[str, str, int]]:
-    """Replace the runs by given ones; the calls are recorded."""
     calls: list[tuple[str, str, int]] = []
 
     def measure(variant: Variant, level: int) -> Run:
@@ -55,21 +52,15 @@ def calls(monkeypatch) -> list[tuple[str, str, int]]:
     return calls
 
 
-def test_percent_shows_small_errors_with_more_digits():
+def test_columns_errors_references_and_the_short_table():
     assert [percent(error) for error in (0.01234567, -0.2, 1.5e-5, -2e-6)] == [
         "+1.235 %", "-20.000 %", "+0.0015 %", "-0.00020 %",
     ]  # fmt: skip
     assert percent(float("nan")) == number(None) == number(float("nan")) == unsigned(float("nan")) == "–"
     assert unsigned(-0.002) == unsigned(0.002) == "0.200 %"
-
-
-def test_the_error_is_relative_to_the_size_of_the_reference():
     source = ReferenceSet("paper", {"tip_uy": -0.02})
     assert source.error("tip_uy", -0.018) == pytest.approx(0.1)
     assert source.error("drag", 1.0) != source.error("drag", 1.0)  # NaN
-
-
-def test_references_of_a_case_come_published_first_and_without_periodic_ones():
     published, independent = reference_sets("turek-fsi1")
     assert (published.source, published.values["drag"]) == ("Featflow", 14.29426)
     assert (independent.source, independent.values["lift"]) == ("hp", 0.76476)
@@ -77,9 +68,6 @@ def test_references_of_a_case_come_published_first_and_without_periodic_ones():
     cavity = reference_sets(CAVITY)
     assert sum(source.compared for source in cavity) == 2
     assert {"Tuković Δx 0.1", "solids4foam Δx 0.05"} < {source.source for source in cavity if not source.compared}
-
-
-def test_columns_make_tables_of_rows():
     found = columns("case | u_x in m = tip_ux :.2f | error :%")
     made = table([{"case": "a", "tip_ux": 1.234, "error": 0.01}, {"case": "b", "error": float("nan")}], found)
     assert made.markdown() == (
@@ -88,42 +76,6 @@ def test_columns_make_tables_of_rows():
     assert [Column("", "x", bound=1.5).cell({"x": x}) for x in (1.5, 1.51, -2, float("nan"), None, "text")] == [
         "1.5", "1.51 !", "-2 !", "– !", "–", "text",
     ]  # fmt: skip
-
-
-def test_the_error_table_has_a_row_for_each_source():
-    table = error_table([run()])
-    assert [row[1] for row in table.body] == ["Featflow", "hp"]
-    first = dict(zip(table.head, table.body[0], strict=True))
-    assert (first["drag"], first["lift"], first["Δp"]) == ("+1.000 %", "+1.000 %", "–")
-    assert (first["seconds"], first["largest check"]) == ("3.0", "2e-11")
-    assert dict(zip(table.head, table.body[1], strict=True))["u_x"] == "+0.000 %"
-
-
-def test_a_run_that_died_is_a_row_that_says_so():
-    (row,) = error_table([failed(Variant("turek-cfd1"), 1)]).body
-    assert row[:5] == ["turek-cfd1", "Featflow", "1", "–", "failed (crash)"]
-    assert set(row[5:]) == {"–"}
-    assert to_frame([failed(Variant("turek-cfd1"), 1), run()])["status"].tolist() == ["failed", "converged"]
-
-
-def test_the_frame_holds_values_references_and_errors():
-    frame = to_frame([run(level=0), run("turek-cfd1")])
-    assert frame["level"].tolist() == [0, 2]
-    assert frame.loc[0, "drag_error"] == pytest.approx(0.01)
-    assert frame.loc[0, "tip_ux_second_error"] == pytest.approx(0)
-    assert frame.loc[1, "lift_reference"] == 1.11905
-    columns = list(frame)
-    assert columns.index("tip_ux") < columns.index("tip_ux_reference") < columns.index("tip_ux_error")
-
-
-def test_the_cavity_is_shown_beside_every_published_mesh():
-    table = cavity_table([run(CAVITY, 3), run(), failed(Variant(CAVITY), 1)])
-    assert table.body[0][0] == "this program, level 3, 24000 unknowns"
-    assert len(table.body) == 1 + len(reference_sets(CAVITY))
-    assert ["solids4foam Δx 0.025", "-0.23563", "-5.2563"] in table.body
-
-
-def test_the_short_table_has_level_2_and_all_levels_of_fsi1():
     known = [run("turek-fsi1", level) for level in range(5)] + [run("turek-cfd1", level) for level in range(4)]
     known += [run("turek-csm1", 1), *(run(CAVITY, level) for level in range(4))]
     errors, _, cavity = steady.BENCHMARKS.brief(known)
@@ -132,6 +84,32 @@ def test_the_short_table_has_level_2_and_all_levels_of_fsi1():
     assert levels == [*fsi1, ("turek-cfd1", "2"), ("turek-csm1", "1"), (CAVITY, "2")]
     ours = [row[0][:21] for row in cavity.body if row[0].startswith("this")]
     assert ours == ["this program, level 2", "this program, level 3"]
+
+
+def test_tables_and_frames_of_errors():
+    table = error_table([run()])
+    assert [row[1] for row in table.body] == ["Featflow", "hp"]
+    first = dict(zip(table.head, table.body[0], strict=True))
+    assert (first["drag"], first["lift"], first["Δp"]) == ("+1.000 %", "+1.000 %", "–")
+    assert (first["seconds"], first["largest check"]) == ("3.0", "2e-11")
+    assert dict(zip(table.head, table.body[1], strict=True))["u_x"] == "+0.000 %"
+    (row,) = error_table([failed(Variant("turek-cfd1"), 1)]).body
+    assert row[:5] == ["turek-cfd1", "Featflow", "1", "–", "failed (crash)"] and set(row[5:]) == {"–"}
+    assert to_frame([failed(Variant("turek-cfd1"), 1), run()])["status"].tolist() == ["failed", "converged"]
+    table = cavity_table([run(CAVITY, 3), run(), failed(Variant(CAVITY), 1)])
+    assert table.body[0][0] == "this program, level 3, 24000 unknowns"
+    assert len(table.body) == 1 + len(reference_sets(CAVITY))
+    assert ["solids4foam Δx 0.025", "-0.23563", "-5.2563"] in table.body
+    frame = to_frame([run(level=0), run("turek-cfd1")])
+    assert frame["level"].tolist() == [0, 2] and frame.loc[0, "drag_error"] == pytest.approx(0.01)
+    assert frame.loc[0, "tip_ux_second_error"] == pytest.approx(0) and frame.loc[1, "lift_reference"] == 1.11905
+    columns = list(frame)
+    assert columns.index("tip_ux") < columns.index("tip_ux_reference") < columns.index("tip_ux_error")
+    flap = variant_run(steady.FLAPS[0], 2, tip_ux=0.03, tip_uy=1.0, drag=2.02, tip_x=5.0)
+    frame = to_frame([run(), flap, variant_run(steady.LOADS[0], 2, tip_ux=-0.05, tip_uy=0.3)])
+    assert frame["variant"].tolist() == ["", "inflow-0.055", "load-1"] and frame["drag"].tolist()[1] == 2.02
+    assert frame.loc[2, "source"] == "elastica" and frame.loc[2, "tip_uy_reference"] == 0.301721
+    assert "tip_x" not in frame
 
 
 def test_a_block_is_replaced_and_the_rest_stays(tmp_path):
@@ -143,11 +121,9 @@ def test_a_block_is_replaced_and_the_rest_stays(tmp_path):
     assert replaced(readme, "verification", "old") == README
 
 
-@pytest.mark.parametrize(
-    "text",
-    ["nothing", README + README, "<!-- verification:end -->\n<!-- verification:begin -->"],
-    ids=["missing", "twice", "wrong order"],
-)
+@pytest.mark.parametrize("text", [
+    "nothing", README + README, "<!-- verification:end -->\n<!-- verification:begin -->",
+], ids=["missing", "twice", "wrong order"])  # fmt: skip
 def test_markers_must_be_there_once_and_in_order(tmp_path, text):
     (tmp_path / "README.md").write_text(text)
     with pytest.raises(InputError, match="one line <!-- verification:begin -->"):
@@ -161,13 +137,10 @@ def test_everything_is_written(tmp_path, calls, capsys):
     levels = {key: [level for *found, level in calls if tuple(found) == key] for key in {call[:2] for call in calls}}
     assert levels["turek-fsi1", ""] == levels["flap-mooney-rivlin-roof", "inflow-0.055"] == [0, 1, 2, 3, 4]
     assert levels[CAVITY, ""] == levels["cook", "incompressible"] == levels["cantilever", "load-10"] == [0, 1, 2, 3]
-    assert levels["cook", "linear"] == [0, 1, 2, 3]
-    assert levels["cook", "nearly-incompressible-displacement"] == [0]
+    assert levels["cook", "linear"] == [0, 1, 2, 3] and levels["cook", "nearly-incompressible-displacement"] == [0]
     assert "flap-svk" not in {case for case, *_ in calls}
     text = readme.read_text()
-    assert text.startswith("before\n")
-    assert text.endswith("after\n")
-    assert "old" not in text
+    assert text.startswith("before\n") and text.endswith("after\n") and "old" not in text
     assert "| turek-fsi1 | hp | 4 | 24000 |" in text
     assert text.count("Written by `python -m studies verify` (FreeFEM 4.9 with MUMPS, one thread;") == 1
     assert "[verification.md](results/verification.md)" in text
@@ -177,8 +150,7 @@ def test_everything_is_written(tmp_path, calls, capsys):
     assert all(f"\n## {section.title}\n" in document for section in SECTIONS if section.title)
     assert (tmp_path / "results/verification.csv").read_text().startswith("case,variant,level,status")
     shown = capsys.readouterr()
-    assert "turek-csm2" in shown.out
-    assert steady.REASON in shown.err
+    assert "turek-csm2" in shown.out and steady.REASON in shown.err
 
 
 def test_the_readme_may_show_the_first_section_only_and_a_failed_run_leaves_it_alone(
@@ -188,11 +160,9 @@ def test_the_readme_may_show_the_first_section_only_and_a_failed_run_leaves_it_a
     readme.write_text(README)
     assert set(steady.main(readme=readme)) == {""}
     text = readme.read_text()
-    assert "| turek-fsi1 | hp | 1 |" in text
-    assert "elastica" not in text
+    assert "| turek-fsi1 | hp | 1 |" in text and "elastica" not in text
     monkeypatch.setattr(steady, "measure", failed)
-    assert set(steady.main(readme=readme)) == {"crash"}
-    assert readme.read_text() == text
+    assert set(steady.main(readme=readme)) == {"crash"} and readme.read_text() == text
     assert "stays as it is" in capsys.readouterr().err
 
 
@@ -238,21 +208,17 @@ def test_settings_of_every_variant_are_a_scene(variant):
     assert load_scene(variant.case, list(variant.settings)).name == variant.case
 
 
-def test_scenes_of_the_membrane_have_the_constants_of_their_names():
+def test_variants_have_constants_and_references_of_their_own():
     scenes = {item.name: load_scene(item.case, list(item.settings)) for item in steady.MEMBRANES}
     solids = {name: scene.solid["membrane"] for name, scene in scenes.items()}
     constants = {name: solid.young_poisson for name, solid in solids.items()}
     assert constants["linear"] == pytest.approx((70.0, 1 / 3), rel=1e-15)
-    assert constants["neo-hookean"] == (200.0, 0.35)
-    assert constants["incompressible"] == pytest.approx((3.0, 0.5))
+    assert constants["neo-hookean"] == (200.0, 0.35) and constants["incompressible"] == pytest.approx((3.0, 0.5))
     assert constants["nearly-incompressible"] == constants["nearly-incompressible-displacement"] == (240.565, 0.4999)
     assert [solid.formulation for solid in solids.values()] == [
         "displacement", "displacement", "incompressible", "mixed", "displacement",
     ]  # fmt: skip
     assert [scene.traction.y for scene in scenes.values()][1:] == [4.0, 0.05, 6.25, 6.25]
-
-
-def test_references_of_variants_are_not_those_of_the_case():
     assert reference_sets("cook") == reference_sets("cantilever") == []
     assert {variant.name for variant in VARIANTS if not reference_sets(variant.case, variant.name)} == {"inflow-0.055"}
     calculix, aster, *others = reference_sets("cook", "linear")
@@ -280,12 +246,11 @@ def test_values_of_the_elastica_are_its_elliptic_integrals(variant):
     (source,) = reference_sets(variant.case, variant.name)
     deflection, shortening = elastica_tip(float(variant.text))
     assert source.values == {
-        "tip_uy": pytest.approx(deflection, abs=6e-7),
-        "tip_ux": pytest.approx(-shortening, abs=6e-7),
-    }
+        "tip_uy": pytest.approx(deflection, abs=6e-7), "tip_ux": pytest.approx(-shortening, abs=6e-7),
+    }  # fmt: skip
 
 
-def test_linear_problem_is_extrapolated_to_no_load():
+def test_linear_problems_and_membranes():
     pair = [variant_run(steady.LINEAR, 1, tip_uy=load * (5.0 - 40.0 * load)) for load in steady.LINEAR.loads]
     worse = {**pair[0].data, "check": {"momentum": 3e-9}}
     merged = steady.extrapolated(steady.LINEAR, Run("cook", worse, "linear"), pair[1])
@@ -295,17 +260,13 @@ def test_linear_problem_is_extrapolated_to_no_load():
     assert (
         steady.extrapolated(steady.LINEAR, pair[0], died) is steady.extrapolated(steady.LINEAR, died, pair[1]) is died
     )
-
-
-def test_membrane_stands_beside_its_published_values():
     found = [
         variant_run(steady.NEARLY_INCOMPRESSIBLE, level, tip_uy=6.9083 * (1.004 - 0.001 * level)) for level in (0, 1)
     ]
     first, second = (
         dict(zip(steady.membrane_table(found).head, row, strict=True)) for row in steady.membrane_table(found).body
     )
-    assert (first["change"], second["change"]) == ("–", "0.100 %")
-    assert second["error against"] == "published +0.300 %"
+    assert (first["change"], second["change"]) == ("–", "0.100 %") and second["error against"] == "published +0.300 %"
     other = [variant_run(steady.LINEAR, 0, tip_uy=32.27), failed(steady.LINEAR, 1)]
     table = steady.membrane_levels([*other, *found, failed(steady.DISPLACEMENT, 0)])
     assert list(table.head) == ["membrane", "published", "level 0", "level 1", "error, finest mesh"]
@@ -316,7 +277,7 @@ def test_membrane_stands_beside_its_published_values():
     assert "failed (crash)" in steady.membrane_table(other).body[1]
 
 
-def test_cantilever_stands_beside_the_elastica():
+def test_cantilever_and_flaps_by_level():
     variant = steady.LOADS[1]
     coarse = variant_run(variant, 0, tip_ux=-0.2, tip_uy=0.5)
     fine = variant_run(variant, 1, tip_ux=1.01 * -0.160642, tip_uy=0.99 * 0.493457)
@@ -324,11 +285,7 @@ def test_cantilever_stands_beside_the_elastica():
     assert first[:4] == ["2", "0", "24000", "3.0"]
     assert second[4:10] == ["0.488522", "0.493457", "-1.000 %", "0.162248", "0.160642", "+1.000 %"]
     assert steady.ELASTICA.brief([coarse, fine])[1].body == [second]
-
-
-def test_flaps_change_by_less_from_level_to_level():
-    variant = steady.FLAPS[0]
-    tips = [(0.0, 1.01, 2.0), (0.0, 1.0, 2.02), (0.03, 1.0, 2.02)]
+    variant, tips = steady.FLAPS[0], [(0.0, 1.01, 2.0), (0.0, 1.0, 2.02), (0.03, 1.0, 2.02)]
     found = [variant_run(variant, i, tip_ux=x, tip_uy=y, drag=drag) for i, (x, y, drag) in enumerate(tips)]
     assert steady.differences(*found[:2]) == pytest.approx({"tip": 0.01, "drag": 0.02 / 2.02})
     assert steady.differences(*found[1:])["tip"] == pytest.approx(0.03, rel=1e-3)
@@ -337,13 +294,3 @@ def test_flaps_change_by_less_from_level_to_level():
     assert [cells[7] for cells in steady.flap_table([*found, failed(variant, 3)]).body] == [
         "–", "1.000 %", "2.999 %", "–",
     ]  # fmt: skip
-
-
-def test_frame_has_the_values_of_runs_without_references():
-    flap = variant_run(steady.FLAPS[0], 2, tip_ux=0.03, tip_uy=1.0, drag=2.02, tip_x=5.0)
-    frame = to_frame([run(), flap, variant_run(steady.LOADS[0], 2, tip_ux=-0.05, tip_uy=0.3)])
-    assert frame["variant"].tolist() == ["", "inflow-0.055", "load-1"]
-    assert frame["drag"].tolist()[1] == 2.02
-    assert frame.loc[2, "source"] == "elastica"
-    assert frame.loc[2, "tip_uy_reference"] == 0.301721
-    assert "tip_x" not in frame

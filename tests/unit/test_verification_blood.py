@@ -56,19 +56,15 @@ NAMES = ["newtonian", "carreau", "power-law", "thickening", "casson"]
 README = "before\n<!-- blood:begin -->\nold\n<!-- blood:end -->\nafter\n"
 
 
-# Exact flows ----------------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("fluid", FLUIDS, ids=NAMES)
 def test_shear_rate_is_the_inverse_of_the_stress(fluid):
     rates = np.array([-1000.0, -0.3, -1e-4, 0.0, 0.02, 5.0, 300.0])
     np.testing.assert_allclose(shear_rate(fluid, stress(fluid, rates)), rates, rtol=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("gradient", "mean", "largest"),
-    [(10.0, 6.3527417e-5, 9.4270969e-5), (100.0, 0.0032008878, 0.0043290559), (1000.0, 0.07601542, 0.1102402)],
-)  # fmt: skip
+@pytest.mark.parametrize(("gradient", "mean", "largest"), [
+    (10.0, 6.3527417e-5, 9.4270969e-5), (100.0, 0.0032008878, 0.0043290559), (1000.0, 0.07601542, 0.1102402),
+])  # fmt: skip
 def test_plane_flow_of_carreau_blood(gradient, mean, largest):
     """Values of an integration along y."""
     assert plane_flow(CARREAU, gradient, 1e-3) == pytest.approx((mean, largest), rel=5e-8)
@@ -108,7 +104,7 @@ def test_a_hardly_bent_channel_is_a_plane_one(fluid):
     assert flow.velocity.max() == pytest.approx(largest, rel=1e-5)
 
 
-def test_bent_carreau_flow_keeps_the_momentum():
+def test_bent_and_oscillating_flows_keep_the_momentum():
     """r^2 tau of the velocities is P r^2/2 + C, a line in r^2, and the flow rate is the given one."""
     flow = bent_flow(CARREAU, 6e-3, 8e-3, 6.67e-5)
     r, v = flow.radius, flow.velocity
@@ -119,28 +115,18 @@ def test_bent_carreau_flow_keeps_the_momentum():
     assert -2 * slope == pytest.approx(flow.gradient, rel=1e-4)
     assert np.abs(slope * middle**2 + constant - moment).max() < 1e-3 * np.abs(moment).max()
     assert flow.inner > 1.1 * flow.outer
-
-
-def test_a_widening_slows_down_and_gives_pressure_back():
-    """To first order, in a plane channel: 54/35 rho U^2 h'/h less of -dp/dx, 6/35 rho U^2 h' less of tau."""
+    # To first order, in a plane channel: 54/35 rho U^2 h'/h less of -dp/dx, 6/35 rho U^2 h' less of tau.
     radius, h, mean, slope = 1e2, 2e-3, 0.03, 0.01  # slope: dh/dx
     walls = radius - h / 2, radius + h / 2
     flow = bent_flow(NEWTONIAN, *walls, mean * h, slope / h * radius)
-    without = bent_flow(NEWTONIAN, *walls, mean * h)
-    inertia = 1035.0 * mean**2 * slope
+    without, inertia = bent_flow(NEWTONIAN, *walls, mean * h), 1035.0 * mean**2 * slope
     assert (without.gradient - flow.gradient) / radius == pytest.approx(54 / 35 * inertia / h, rel=1e-5)
     assert without.inner - flow.inner == pytest.approx(6 / 35 * inertia, rel=1e-4)
     assert without.outer - flow.outer == pytest.approx(6 / 35 * inertia, rel=1e-4)
-
-
-def test_no_flow_through_walls_in_the_wrong_order():
     with pytest.raises(ValueError, match="between the radii"):
         bent_flow(NEWTONIAN, 8e-3, 6e-3, 1e-5)
     with pytest.raises(ValueError, match="no flow of -1"):
         bent_flow(NEWTONIAN, 6e-3, 8e-3, -1.0)
-
-
-def test_the_oscillating_flow_keeps_the_momentum_and_has_the_flow_rate():
     y, t, step = np.linspace(0, HEIGHT, 401), 0.37, 1e-5
     (before, _), (velocity, gradient), (after, _) = (oscillating_flow(y, t + shift) for shift in (-step, 0, step))
     assert np.abs(velocity[[0, -1]]).max() < 1e-14
@@ -150,17 +136,13 @@ def test_the_oscillating_flow_keeps_the_momentum_and_has_the_flow_rate():
     assert np.abs(missed).max() < 1e-3 * abs(gradient)
 
 
-# The lumen ------------------------------------------------------------------------------------------------------------
-
-
 def test_lumen_of_walls_that_have_moved():
     """The outer wall has moved by 0.2 mm/rad, and a pressure that is the angle is found at the deformed place."""
     angle = np.radians(np.linspace(90, 180, 91))
     ray = np.column_stack([np.cos(angle), np.sin(angle)])
     rest = np.concatenate([6e-3 * ray, 8e-3 * ray])
     moved = np.concatenate([np.zeros_like(ray), 2e-4 * angle[:, None] * ray])
-    numbers = np.arange(182)
-    shift = np.array([1e-4, -2e-4])
+    numbers, shift = np.arange(182), np.array([1e-4, -2e-4])
 
     def sample(points):
         x, y = (points + shift).T
@@ -180,15 +162,9 @@ def test_lumen_of_walls_that_have_moved():
     assert lumen.flow(2.0, True).gradient < lumen.flow(2.0, False).gradient
 
 
-# Tables ---------------------------------------------------------------------------------------------------------------
-
-
-def test_the_worst_value_is_that_with_the_largest_relative_error():
+def test_tables_worst_values_and_changes_by_level():
     assert worst(np.array([1.1, 9.5]), np.array([1.0, 10.0])) == Measured(1.1, 1.0)
     assert math.isnan(worst(np.array([]), 1.0).error)
-
-
-def test_a_table_has_the_rows_of_its_group_that_have_its_quantities():
     table = BloodTable("steady", "text", ("walls",), (Column("drop", "drop", "{:g}"),), finest=True)
     rows = [
         Row("steady", "a-1", ("a",), 1, {"drop": Measured(1.0)}),
@@ -198,9 +174,13 @@ def test_a_table_has_the_rows_of_its_group_that_have_its_quantities():
     ]  # fmt: skip
     assert table.of(rows).body == [["a", "1"], ["a", "2"], ["c", "–"]]
     assert table.of(rows, short=True).body == [["a", "2"], ["c", "–"]]
+    numbers = {"gradient": Measured(101.0, 100.0), "mean": Measured(0.1)}
+    frame = to_frame([Row("plane", "p", ("p", "100"), 0, numbers), Row("plane", "q", ("q", "1"), 0, {}, "crash")])
+    first, second, third = frame.to_dict("records")
+    assert (first["quantity"], first["error"], first["bound"]) == ("gradient", pytest.approx(0.01), 1e-4)
+    assert math.isnan(second["reference"]) and math.isnan(second["bound"])
+    assert (third["case"], third["failure"]) == ("q", "crash")
 
-
-def test_changes_from_level_to_level():
     def row(level, wss, failure=""):
         return Row("steady", f"x-level-{level}", ("x", str(level)), level, {"wss_mean_dome": Measured(wss)}, failure)
 
@@ -214,18 +194,6 @@ def test_changes_from_level_to_level():
     assert [cell for cell in cells if "!" in cell] == ["+1.961 % !"]
     (gap,) = level_changes([row(1, 0.8), row(2, 1.0, "crash"), row(3, 1.02)])
     assert gap.numbers == {}
-
-
-def test_the_frame_has_the_bound_of_each_quantity():
-    numbers = {"gradient": Measured(101.0, 100.0), "mean": Measured(0.1)}
-    frame = to_frame([Row("plane", "p", ("p", "100"), 0, numbers), Row("plane", "q", ("q", "1"), 0, {}, "crash")])
-    first, second, third = frame.to_dict("records")
-    assert (first["quantity"], first["error"], first["bound"]) == ("gradient", pytest.approx(0.01), 1e-4)
-    assert math.isnan(second["reference"]) and math.isnan(second["bound"])
-    assert (third["case"], third["failure"]) == ("q", "crash")
-
-
-# Runs -----------------------------------------------------------------------------------------------------------------
 
 
 LAWS = ("Newtonian", "Carreau")
@@ -292,10 +260,8 @@ def test_everything_is_written_and_a_second_call_goes_on(tmp_path, in_time, chec
     assert "Written by `python -m studies verify --blood` (FreeFEM 4.9 with MUMPS, one thread;" in text
     assert "[blood.md](results/blood.md)" in text
     assert "| elastic, Newtonian | 2 |" in (tmp_path / "results/blood.md").read_text()
-    assert "TAWSS mean Pa" in capsys.readouterr().out
-    assert blood.main(**given) == [""]
-    assert in_time.first_steps == [1]
-    assert readme.read_text() == text
+    assert "TAWSS mean Pa" in capsys.readouterr().out and blood.main(**given) == [""]
+    assert in_time.first_steps == [1] and readme.read_text() == text
 
 
 def test_a_failed_run_is_reported_and_leaves_the_readme_alone(tmp_path, in_time, check, capsys):
@@ -304,8 +270,7 @@ def test_a_failed_run_is_reported_and_leaves_the_readme_alone(tmp_path, in_time,
     in_time.fail = 20
     cases = [stand(), stand("short", 0.5)]
     assert blood.main(out=tmp_path, runs=tmp_path / "runs", cases=cases, readme=readme) == ["not-converged", ""]
-    assert readme.read_text() == README
-    assert "stays as it is" in capsys.readouterr().err
+    assert readme.read_text() == README and "stays as it is" in capsys.readouterr().err
     assert "failed (not-converged)" in (tmp_path / "blood.md").read_text()
     frame = pd.read_csv(tmp_path / "blood.csv", keep_default_na=False)
     assert set(frame.loc[frame["case"] == "stand", "failure"]) == {"not-converged"}

@@ -30,9 +30,6 @@ TITLES, ENTRIES = load()
 NEAR = Expectation("drag", value=2.0, within=0.01)
 
 
-# The data -------------------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("name", ENTRIES)
 def test_every_scene_is_valid_or_its_refusal_is_expected(name):
     entry = ENTRIES[name]
@@ -44,21 +41,14 @@ def test_every_scene_is_valid_or_its_refusal_is_expected(name):
 
 
 def test_most_entries_claim_something():
-    assert len(ENTRIES) > 180
-    assert sum(entry.outcome == "open" for entry in ENTRIES.values()) < 5
+    assert len(ENTRIES) > 180 and sum(entry.outcome == "open" for entry in ENTRIES.values()) < 5
     assert sum(bool(entry.expect) for entry in ENTRIES.values()) > 0.6 * len(ENTRIES)
 
 
-@pytest.mark.parametrize(
-    "values",
-    [
-        {"of": "drag"},
-        {"of": "drag", "value": 1.0},
-        {"of": "drag", "within": 0.1},
-        {"of": "Drag", "above": 0.0},
-        {"of": "least drag", "above": 0.0},
-    ],
-)
+@pytest.mark.parametrize("values", [
+    {"of": "drag"}, {"of": "drag", "value": 1.0}, {"of": "drag", "within": 0.1}, {"of": "Drag", "above": 0.0},
+    {"of": "least drag", "above": 0.0},
+])  # fmt: skip
 def test_an_expectation_that_holds_of_everything_is_refused(values):
     with pytest.raises(ValueError, match=values["of"]):
         Expectation(**values)
@@ -78,9 +68,6 @@ def test_entries_are_chosen_with_those_that_they_compare_with():
         select(ENTRIES, "k-rho*,k-none")
 
 
-# Verdicts -------------------------------------------------------------------------------------------------------------
-
-
 def outcome(failure: str = "", said: str = "", rows: tuple[dict[str, float], ...] = ({"drag": 2.01},), **entry: object):
     given = {"expect": (NEAR,), **entry}
     return Outcome(Entry("a-b", "", "cook", **given), hard.Path("nowhere"), failure, said, (), rows)
@@ -90,50 +77,40 @@ EITHER = {"outcome": "either", "reason": "folds"}
 SWEEP = {"vary": {"mesh.level": (0, 1)}}
 
 
-@pytest.mark.parametrize(
-    ("given", "word"),
-    [
-        (outcome(), SOLVED),
-        (outcome(rows=({"drag": 2.03},)), WRONG),
-        (outcome(rows=({"drag": math.nan},)), WRONG),
-        (outcome(rows=({},)), WRONG),
-        (outcome(rows=({"drag": 2.03, "iterations": 9.0},), expect=(Expectation("iterations", below=9),)), FAILED),
-        (outcome("not-converged"), FAILED),
-        (outcome("check", "the reference check disagrees"), FAILED),
-        (outcome("error", "TypeError: folds", **EITHER), FAILED),
-        (outcome("error", "TypeError", outcome="open"), FAILED),
-        (outcome(**EITHER), SOLVED),
-        (outcome(rows=({"drag": 3.0},), **EITHER), WRONG),
-        (outcome("not-converged", "the mesh folds", **EITHER), REFUSED),
-        (outcome("not-converged", "a limit point", **EITHER), CAUSE),
-        (outcome("crash", "time limit; last progress: folds", **EITHER), FAILED),
-        (outcome("refused", "mesh.level: folds", outcome="fails", reason="folds"), REFUSED),
-        (outcome(outcome="fails", reason="folds", expect=()), WRONG),
-        (outcome("not-converged", "folds: J = 1", unlike="J = 1", **EITHER), CAUSE),
-        (outcome(outcome="open"), NO_CLAIM),
-        (outcome("crash", outcome="open"), NO_CLAIM),
-        (outcome(warns="time.step"), CAUSE),
-        (outcome("not-converged", "x", **SWEEP), FAILED),
-        (outcome("not-converged", "x", rows=(), **SWEEP), FAILED),
-        (outcome("not-converged", "folds", rows=({"drag": 3.0},), **SWEEP, **EITHER), WRONG),
-    ],
-)
+@pytest.mark.parametrize(("given", "word"), [
+    (outcome(), SOLVED),
+    (outcome(rows=({"drag": 2.03},)), WRONG),
+    (outcome(rows=({"drag": math.nan},)), WRONG),
+    (outcome(rows=({},)), WRONG),
+    (outcome(rows=({"drag": 2.03, "iterations": 9.0},), expect=(Expectation("iterations", below=9),)), FAILED),
+    (outcome("not-converged"), FAILED),
+    (outcome("check", "the reference check disagrees"), FAILED),
+    (outcome("error", "TypeError: folds", **EITHER), FAILED),
+    (outcome("error", "TypeError", outcome="open"), FAILED),
+    (outcome(**EITHER), SOLVED),
+    (outcome(rows=({"drag": 3.0},), **EITHER), WRONG),
+    (outcome("not-converged", "the mesh folds", **EITHER), REFUSED),
+    (outcome("not-converged", "a limit point", **EITHER), CAUSE),
+    (outcome("crash", "time limit; last progress: folds", **EITHER), FAILED),
+    (outcome("refused", "mesh.level: folds", outcome="fails", reason="folds"), REFUSED),
+    (outcome(outcome="fails", reason="folds", expect=()), WRONG),
+    (outcome("not-converged", "folds: J = 1", unlike="J = 1", **EITHER), CAUSE),
+    (outcome(outcome="open"), NO_CLAIM),
+    (outcome("crash", outcome="open"), NO_CLAIM),
+    (outcome(warns="time.step"), CAUSE),
+    (outcome("not-converged", "x", **SWEEP), FAILED),
+    (outcome("not-converged", "x", rows=(), **SWEEP), FAILED),
+    (outcome("not-converged", "folds", rows=({"drag": 3.0},), **SWEEP, **EITHER), WRONG),
+])  # fmt: skip
 def test_verdicts(given, word):
     assert judge(given, {}).word == word
 
 
-def test_a_warning_that_is_there_is_enough():
+def test_warnings_and_points_that_are_not_solved():
     assert judge(replace(outcome(warns="time.step"), warnings=("time.step is too large",)), {}).word == SOLVED
-
-
-def test_a_point_that_is_not_solved_has_no_number():
     rows = ({"drag": 2.0}, {}, {"drag": 2.0})
     sweep = outcome("check", "x", rows=rows, expect=(Expectation("drag#1", value=2.0, within=0.1),), **SWEEP)
-    assert judge(sweep, {}).word == FAILED
-    assert judge(replace(sweep, failure=""), {}).word == WRONG
-
-
-def test_a_cause_may_stand_in_a_warning():
+    assert judge(sweep, {}).word == FAILED and judge(replace(sweep, failure=""), {}).word == WRONG
     assert judge(replace(outcome("not-converged", "x", **EITHER), warnings=("it folds",)), {}).word == REFUSED
 
 
@@ -143,18 +120,11 @@ def compared(own: float, other: float, failure: str = "", **expectation: object)
     return judge(Outcome(entry, hard.Path("nowhere"), "", rows=({"drag": own},)), {"a-c": beside}).word
 
 
-@pytest.mark.parametrize(
-    ("numbers", "expectation", "word"),
-    [
-        ((2.0, 1.0), {"within": 0.1, "times": 2.0}, SOLVED),
-        ((2.0, 1.0), {"within": 0.1}, WRONG),
-        ((2.0, 1.0), {"value": 2.1, "within": 0.1}, SOLVED),
-        ((2.0, 1.0), {"above": 1.9, "below": 2.1}, SOLVED),
-        ((2.0, 1.0), {"below": 2.0}, WRONG),
-        ((2.0, 0.0), {"above": 1.0}, WRONG),
-        ((2.0, math.nan), {"above": 1.0}, WRONG),
-    ],
-)
+@pytest.mark.parametrize(("numbers", "expectation", "word"), [
+    ((2.0, 1.0), {"within": 0.1, "times": 2.0}, SOLVED), ((2.0, 1.0), {"within": 0.1}, WRONG),
+    ((2.0, 1.0), {"value": 2.1, "within": 0.1}, SOLVED), ((2.0, 1.0), {"above": 1.9, "below": 2.1}, SOLVED),
+    ((2.0, 1.0), {"below": 2.0}, WRONG), ((2.0, 0.0), {"above": 1.0}, WRONG), ((2.0, math.nan), {"above": 1.0}, WRONG),
+])  # fmt: skip
 def test_numbers_beside_those_of_another_entry(numbers, expectation, word):
     assert compared(*numbers, **expectation) == word
 
@@ -169,15 +139,10 @@ def with_history(name: str, times: list[float], values: list[float]) -> Outcome:
     return found
 
 
-@pytest.mark.parametrize(
-    ("expectation", "x"),
-    [
-        (Expectation("drag@0.25", above=0.0), 0.5),
-        (Expectation("max drag", above=0.0), 3.0),
-        (Expectation("max drag", per="a-c", above=0.0), 1.5),
-        (Expectation("path drag", per="a-c", above=0.0), 0.5),
-    ],
-)
+@pytest.mark.parametrize(("expectation", "x"), [
+    (Expectation("drag@0.25", above=0.0), 0.5), (Expectation("max drag", above=0.0), 3.0),
+    (Expectation("max drag", per="a-c", above=0.0), 1.5), (Expectation("path drag", per="a-c", above=0.0), 0.5),
+])  # fmt: skip
 def test_numbers_of_a_history(expectation, x):
     own = with_history("a-b", [0.0, 0.5, 1.0], [0.0, 1.0, -3.0])
     other = with_history("a-c", [0.0, 1.0], [0.0, -2.0])
@@ -187,21 +152,16 @@ def test_numbers_of_a_history(expectation, x):
     assert f"= {1.0 if x == 0.5 and expectation.per else x:g} (" in shown
 
 
-@pytest.mark.parametrize(
-    ("of", "x"),
-    [("drag", 5.0), ("drag#0", 4.0), ("drag#2", 2.0), ("rise drag", -2.0), ("points", 3.0), ("size lift", 1.0)],
-)
+@pytest.mark.parametrize(("of", "x"), [
+    ("drag", 5.0), ("drag#0", 4.0), ("drag#2", 2.0), ("rise drag", -2.0), ("points", 3.0), ("size lift", 1.0),
+])  # fmt: skip
 def test_numbers_of_a_sweep(of, x):
     rows = ({"drag": 4.0}, {}, {"drag": 2.0}, {"drag": 5.0, "lift": -1.0}, {})
     assert judge(outcome(rows=rows, expect=(Expectation(of, value=x, within=1e-9),)), {}).word == SOLVED
 
 
-# Runs -----------------------------------------------------------------------------------------------------------------
-
-
 @pytest.fixture
 def runs(monkeypatch):
-    """Replace what runs; the calls are recorded."""
     calls: list[str] = []
 
     data = {"failure": "", "check": {"momentum": 0.0}, "quantities": {"drag": 2.0, "lift": math.inf}}
@@ -224,8 +184,7 @@ def test_nothing_runs_twice_but_what_has_changed(runs, tmp_path):
     entry = Entry("a-b", "", "cook")
     first = hard.run_all([entry], tmp_path)
     assert hard.run_all([replace(entry, what="other words", expect=(NEAR,))], tmp_path)["a-b"].rows == first["a-b"].rows
-    assert (calls, first["a-b"].value("drag")) == (["a-b"], 2.0)
-    assert math.isnan(first["a-b"].value("lift"))
+    assert (calls, first["a-b"].value("drag")) == (["a-b"], 2.0) and math.isnan(first["a-b"].value("lift"))
     hard.run_all([replace(entry, set={"mesh.level": 1})], tmp_path)
     assert calls == ["a-b", "a-b"]
 
@@ -239,8 +198,8 @@ def test_a_fault_of_the_program_is_no_result_and_runs_again(runs, tmp_path, monk
     assert len(calls) == 2
 
 
-def test_what_was_killed_runs_again(runs, tmp_path, monkeypatch):
-    calls, done = runs
+def test_what_was_killed_runs_again_and_unchecked_is_not_solved(runs, tmp_path, monkeypatch):
+    (calls, done), whole = runs, runs[1].data
     killed = {"failure": "crash", "reason": "FreeFEM died (killed): from outside"}
     monkeypatch.setattr(done, "data", killed)
     assert hard.run(Entry("a-b", "", "cook"), tmp_path).failure == "crash"
@@ -248,12 +207,8 @@ def test_what_was_killed_runs_again(runs, tmp_path, monkeypatch):
     for _ in range(2):
         assert "time-limit" in hard.run(Entry("a-b", "", "cook"), tmp_path).reason
     assert len(calls) == 2
-
-
-def test_what_nobody_checked_is_not_solved(runs, tmp_path, monkeypatch):
-    _, done = runs
-    monkeypatch.setattr(done, "data", {**done.data, "checked": False})
-    assert hard.run(Entry("a-b", "", "cook"), tmp_path).failure == hard.ERROR
+    monkeypatch.setattr(done, "data", {**whole, "checked": False})
+    assert hard.run(Entry("a-b", "", "cook"), tmp_path / "other").failure == hard.ERROR
 
 
 def test_a_scene_that_is_refused_does_not_run(runs, tmp_path):
@@ -268,9 +223,6 @@ def test_without_freefem_nothing_runs(tmp_path, monkeypatch):
         hard.run_all([], tmp_path)
 
 
-# Files ----------------------------------------------------------------------------------------------------------------
-
-
 def test_tables_and_failures(runs, tmp_path, monkeypatch):
     good = replace(outcome(), entry=replace(outcome().entry, id="k-good"))
     wrong = outcome(rows=({"drag": 3.0, "min_jacobian": 0.5},))
@@ -279,8 +231,7 @@ def test_tables_and_failures(runs, tmp_path, monkeypatch):
     assert hard.main(out=tmp_path) == ["", "check", "not-converged"]
     text = (tmp_path / "hard.md").read_text()
     assert "| all | 3 | 1 |  | 1 | 1 |  |  |" in text
-    assert "| a-b | wrong | drag = 3 (2 ± 1 %) |" in text and "a \\| b" in text
-    assert text.count("| k-good |") == 1
+    assert "| a-b | wrong | drag = 3 (2 ± 1 %) |" in text and "a \\| b" in text and text.count("| k-good |") == 1
     table = pd.read_csv(tmp_path / "hard.csv").set_index("id")
     assert table["verdict"].to_dict() == {"k-good": SOLVED, "a-b": WRONG, "a-lost": FAILED}
     assert table.loc["a-b", "min_jacobian"] == 0.5

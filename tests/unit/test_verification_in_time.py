@@ -6,10 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from test_cli import call
 from time_folders import scene_in_time
 
-from ffsi.files import folder
 from ffsi.files.errors import InputError
 from ffsi.result.pictures import to_png
 from ffsi.result.published import references
@@ -19,7 +17,6 @@ from ffsi.scene import CASES
 from studies import harness
 from studies.harness import Run, run_all
 from studies.tables import Column
-from studies.verification import blood, hard
 from studies.verification import in_time as study
 from studies.verification.in_time import PERIODIC_CASES, LongCase, LongRun, Plan, case_table
 from studies.verification.sources import reference_sets
@@ -79,9 +76,6 @@ def run_of(plan: Plan, data: dict[str, object]) -> Run:
     return Run(plan.name, data, history=pd.DataFrame({"time": 0.01 * np.arange(200), "seconds": seconds}))
 
 
-# Published values -----------------------------------------------------------------------------------------------------
-
-
 def test_every_bound_is_the_stated_one():
     found = {case.name: {item.name: 100 * item.bound for item in case.compared} for case in PERIODIC_CASES}
     assert found == {name: pytest.approx(bounds) for name, bounds in BOUNDS.items()}
@@ -101,7 +95,7 @@ def test_published_values_have_no_error_and_one_per_cent_more_has_one(case):
         assert math.isnan(item.error(case, {item.quantity: {"mean": None, "amplitude": None, "frequency": None}}))
 
 
-def test_the_cylinder_in_time():
+def test_the_cylinder_in_time_and_a_mean_that_nobody_published():
     drag, lift, strouhal = BY_NAME["cylinder-2d2"].compared
     assert drag.published("cylinder-2d2") == pytest.approx(3.227393, rel=1e-12)
     assert lift.published("cylinder-2d2") == pytest.approx(2.007871, rel=1e-12)
@@ -112,25 +106,16 @@ def test_the_cylinder_in_time():
     table = references("cylinder-2d2")
     assert table["drag_coefficient"].mean - table["drag_coefficient"].amplitude == pytest.approx(3.164263)
     assert table["drag_coefficient"].frequency == pytest.approx(2 * table["lift_coefficient"].frequency)
-
-
-def test_a_mean_that_nobody_published_is_no_reference():
-    table = references("cylinder-2d2")
     assert math.isnan(table["lift_coefficient"].relative_error(1.0))
     assert published_value("lift_coefficient_mean", table) is None
     assert published_value("lift_coefficient_amplitude", table)[0] == 1.0039355
     assert reference_sets("cylinder-2d2") == []
 
 
-# What runs ------------------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("case", BY_NAME)
 def test_every_case_runs_on_two_meshes_with_two_steps_the_catalogue_first(case):
-    plans = BY_NAME[case].plans
-    own = CASES[case]
-    assert own.time is not None
-    assert (plans[0].level, plans[0].step) == (own.mesh.level, own.time.step)
+    plans, own = BY_NAME[case].plans, CASES[case]
+    assert own.time is not None and (plans[0].level, plans[0].step) == (own.mesh.level, own.time.step)
     assert len({plan.name for plan in plans}) == 4
     assert {plan.level for plan in plans} == {own.mesh.level, own.mesh.level - 1}
     assert {plan.step for plan in plans} == {own.time.step, own.time.step * 2}
@@ -140,29 +125,21 @@ def test_every_case_runs_on_two_meshes_with_two_steps_the_catalogue_first(case):
         assert (scene.mesh.level, scene.time.step, scene.time.stop) == (plan.level, plan.step, own.time.stop)
 
 
-# Run folders ----------------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_runs_are_done_once_and_a_killed_one_goes_on(tmp_path, in_time, check, capsys, jobs):
     scenes = {"one": scene_in_time("time.end=3"), "two": scene_in_time("time.end=3", "fluid.viscosity=2")}
     in_time.die = 23
     first = run_all(scenes, tmp_path, jobs)
-    assert [run.failure for run in first] == ["crash", "crash"]
-    assert first[0].quantities == {}
+    assert [run.failure for run in first] == ["crash", "crash"] and first[0].quantities == {}
     in_time.die = None
     second = run_all(scenes, tmp_path, jobs)
-    assert [run.failure for run in second] == ["", ""]
-    assert [run.name for run in second] == ["one", "two"]
-    assert in_time.first_steps == [1, 1, 21, 21]
-    assert second[0].steps["steps"] == 60
+    assert [run.failure for run in second] == ["", ""] and [run.name for run in second] == ["one", "two"]
+    assert in_time.first_steps == [1, 1, 21, 21] and second[0].steps["steps"] == 60
     assert second[0].quantities["tip_uy"]["amplitude"] == pytest.approx(0.03, rel=1e-2)
     third = run_all(scenes, tmp_path, jobs)
-    assert len(in_time.first_steps) == 4
-    assert [run.data for run in third] == [run.data for run in second]
+    assert len(in_time.first_steps) == 4 and [run.data for run in third] == [run.data for run in second]
     err = capsys.readouterr().err
-    assert "one: FreeFEM died" in err
-    assert "one: 60 steps to t = 3 s" in err
+    assert "one: FreeFEM died" in err and "one: 60 steps to t = 3 s" in err
     assert f"two: finished before, in {tmp_path / 'two'}\n" in err
 
 
@@ -182,14 +159,12 @@ def test_a_run_of_another_script_stays_unless_it_failed(tmp_path, in_time, check
     bad = {"bad": scene_in_time()}
     assert run_all(bad, tmp_path)[0].failure == "not-converged"
     in_time.fail = None
-    assert run_all(bad, tmp_path)[0].failure == "not-converged"
-    assert in_time.first_steps == [1, 1]
+    assert run_all(bad, tmp_path)[0].failure == "not-converged" and in_time.first_steps == [1, 1]
     assert "by another script" not in capsys.readouterr().err
     monkeypatch.setattr(harness, "render", lambda scene, mumps: "// new")
     run_all(scenes, tmp_path)
     assert "by another script than that of today" in capsys.readouterr().err
-    assert run_all(bad, tmp_path)[0].failure == ""
-    assert in_time.first_steps == [1, 1, 1]
+    assert run_all(bad, tmp_path)[0].failure == "" and in_time.first_steps == [1, 1, 1]
 
 
 def test_a_folder_of_somebody_else_is_refused(tmp_path, in_time, check):
@@ -199,24 +174,16 @@ def test_a_folder_of_somebody_else_is_refused(tmp_path, in_time, check):
         run_all({"one": scene_in_time()}, tmp_path)
 
 
-# Tables ---------------------------------------------------------------------------------------------------------------
-
-
-def test_what_misses_its_bound_is_marked():
+def test_tables_mark_what_misses_its_bound():
     marked = Column("", "error", "%", 0.01)
     assert [marked.cell({"error": x}) for x in (0.0101, -0.0099, math.nan)] == ["+1.010 % !", "-0.990 %", "– !"]
-
-
-def test_the_table_of_a_case():
-    good = outcome("turek-fsi3")
-    shaken = published("turek-fsi3")
+    good, shaken = outcome("turek-fsi3"), published("turek-fsi3")
     shaken["tip_uy"]["amplitude"] *= 0.96
     items = [
-        good,
-        outcome("turek-fsi3", 1, quantities=shaken, unknowns=41000),
+        good, outcome("turek-fsi3", 1, quantities=shaken, unknowns=41000),
         outcome("turek-fsi3", 2, time={"reached": 6.0, "periodic": False}),
         outcome("turek-fsi3", 3, failure="not-converged", status="failed", time={"reached": 1.23}),
-    ]
+    ]  # fmt: skip
     table = case_table(BY_NAME["turek-fsi3"], items)
     assert table.head[9:11] == ["u_y amplitude (< 3 %)", "u_x amplitude (< 6 %)"]
     rows = [dict(zip(table.head, row, strict=True)) for row in table.body]
@@ -227,8 +194,7 @@ def test_the_table_of_a_case():
     assert [name for name, cell in rows[1].items() if "!" in cell] == ["u_y amplitude (< 3 %)"]
     assert rows[1]["u_y amplitude (< 3 %)"] == "-4.000 % !"
     assert [name for name, cell in rows[2].items() if "!" in cell] == ["t s"]
-    assert rows[3]["seconds"] == "failed (not-converged)"
-    assert set(list(rows[3].values())[9:14]) == {"–"}
+    assert rows[3]["seconds"] == "failed (not-converged)" and set(list(rows[3].values())[9:14]) == {"–"}
     large = case_table(BY_NAME["turek-fsi3"], [outcome("turek-fsi3", unknowns=41000)])
     assert "41000 !" in large.body[0]
 
@@ -237,9 +203,8 @@ def test_everything_is_written(tmp_path, in_time, check, capsys):
     readme = tmp_path / "README.md"
     readme.write_text(README)
     cases = [
-        replace(BY_NAME["turek-fsi3"], parts=(20.0, 10.0)),
-        replace(BY_NAME["turek-cfd3"], parts=(20.0,), coarser=(0,)),
-    ]
+        replace(BY_NAME["turek-fsi3"], parts=(20.0, 10.0)), replace(BY_NAME["turek-cfd3"], parts=(20.0,), coarser=(0,)),
+    ]  # fmt: skip
     given = {"out": tmp_path / "results", "runs": tmp_path / "runs", "cases": cases}
     assert study.main(readme=readme, **given) == [""] * 5
     frame = pd.read_csv(tmp_path / "results/verification-unsteady.csv")
@@ -249,20 +214,17 @@ def test_everything_is_written(tmp_path, in_time, check, capsys):
     assert row["tip_uy_amplitude"] == pytest.approx(0.03, rel=2e-2)
     assert row["tip_uy_amplitude_error"] == pytest.approx(0.03 / 34.99e-3 - 1, abs=2e-2)
     assert (row["tip_uy_amplitude_reference"], row["tip_uy_amplitude_bound"]) == (34.99e-3, 0.03)
-    assert row["iterations_per_step"] == 2
-    assert row["rebuilds_per_100_steps"] == pytest.approx(10, abs=1)
+    assert row["iterations_per_step"] == 2 and row["rebuilds_per_100_steps"] == pytest.approx(10, abs=1)
     assert row["seconds_per_step"] == pytest.approx(0.01)
     assert (tmp_path / "results/verification-unsteady.png").read_bytes().startswith(b"\x89PNG")
     text = readme.read_text()
-    assert text.startswith("before\n") and text.endswith("after\n") and "old" not in text
-    assert "`turek-cfd3`" in text
+    assert text.startswith("before\n") and text.endswith("after\n") and "old" not in text and "`turek-cfd3`" in text
     assert "Written by `python -m studies verify --unsteady` (FreeFEM 4.9 with MUMPS, one thread;" in text
     assert "(results/verification-unsteady.png)" in text
     assert "| u_y amplitude (< 3 %) |" in (tmp_path / "results/verification-unsteady.md").read_text()
     assert "turek-cfd3" in capsys.readouterr().out
     steps = list(in_time.first_steps)
-    assert study.main(readme=readme, **given) == [""] * 5
-    assert in_time.first_steps == steps
+    assert study.main(readme=readme, **given) == [""] * 5 and in_time.first_steps == steps
     assert readme.read_text() == text
 
 
@@ -272,15 +234,10 @@ def test_a_failed_run_leaves_the_readme_alone(tmp_path, in_time, check, capsys):
     in_time.fail = 20
     case = replace(BY_NAME["turek-fsi3"], parts=(10.0,), coarser=(0,))
     given = {"out": tmp_path / "results", "runs": tmp_path / "runs", "cases": [case]}
-    assert study.main(readme=readme, **given) == ["not-converged"]
-    assert readme.read_text() == README
+    assert study.main(readme=readme, **given) == ["not-converged"] and readme.read_text() == README
     assert "stays as it is" in capsys.readouterr().err
     frame = pd.read_csv(tmp_path / "results/verification-unsteady.csv")
-    assert frame["status"].tolist() == ["failed"]
-    assert frame["tip_uy_amplitude"].isna().all()
-
-
-# Long runs ------------------------------------------------------------------------------------------------------------
+    assert frame["status"].tolist() == ["failed"] and frame["tip_uy_amplitude"].isna().all()
 
 
 def long_run(end: float, growth: float = 0.0, reached: float | None = None) -> LongRun:
@@ -296,19 +253,14 @@ def long_run(end: float, growth: float = 0.0, reached: float | None = None) -> L
     return LongRun(case, Run(case.name, data | {"level": 1}, history=history))
 
 
-def test_blocks_of_a_motion_that_stays_as_it_is():
+def test_long_runs_and_their_blocks():
     item = long_run(20.0)
     assert item.complete
     assert len(item.blocks) == 16 or len(item.blocks) == 17
-    assert item.blocks[-1]["amplitude"] == pytest.approx(0.1, rel=1e-3)
-    assert abs(item.blocks[-1]["change"]) < 1e-3
+    assert item.blocks[-1]["amplitude"] == pytest.approx(0.1, rel=1e-3) and abs(item.blocks[-1]["change"]) < 1e-3
     assert item.blocks[-1]["min_jacobian"] == pytest.approx(0.4, abs=1e-3)
     row = dict(zip(study.summary_table([item]).head, study.summary_table([item]).body[0], strict=True))
-    assert row["t s"] == "20.00"
-    assert "!" not in "".join(row.values())
-
-
-def test_a_growing_motion_and_a_run_that_ended_early_are_marked():
+    assert row["t s"] == "20.00" and "!" not in "".join(row.values())
     growing = long_run(20.0, growth=0.5)
     change = growing.blocks[-1]["change"]
     assert change > 0.02
@@ -321,16 +273,12 @@ def test_a_growing_motion_and_a_run_that_ended_early_are_marked():
     frame = study.long_frame([growing, early])
     assert frame["complete"].tolist() == [True] * len(growing.blocks) + [False] * len(early.blocks)
     assert frame["block"].iloc[0] == 1
-
-
-def test_the_long_runs_are_those_that_were_asked_for():
     scenes = {case.name: case.scene for case in study.LONG_CASES}
     assert {name: (scene.time.end, scene.time.stop) for name, scene in scenes.items()} == {
         "turek-fsi2": (35.0, "end"), "turek-fsi3": (20.0, "end"),
     }  # fmt: skip
     for name, scene in scenes.items():
-        assert scene.mesh == CASES[name].mesh
-        assert scene.time.step == CASES[name].time.step
+        assert scene.mesh == CASES[name].mesh and scene.time.step == CASES[name].time.step
 
 
 def test_long_runs_are_written(tmp_path, in_time, check):
@@ -345,13 +293,11 @@ def test_long_runs_are_written(tmp_path, in_time, check):
     given = {"out": tmp_path, "runs": tmp_path / "runs", "cases": cases}
     assert study.main_long(readme=readme, **given) == [""]
     frame = pd.read_csv(tmp_path / "long.csv")
-    assert frame["complete"].all()
-    assert frame["amplitude"].iloc[-1] == pytest.approx(0.03, rel=1e-2)
+    assert frame["complete"].all() and frame["amplitude"].iloc[-1] == pytest.approx(0.03, rel=1e-2)
     assert frame["change"].iloc[1:].abs().max() < 1e-3
     assert (tmp_path / "long-fsi3.png").read_bytes().startswith(b"\x89PNG")
     assert "| 1 | " in (tmp_path / "long.md").read_text()
-    assert "[long-fsi3.png](long-fsi3.png)" in readme.read_text()
-    assert study.main_long(**given) == [""]
+    assert "[long-fsi3.png](long-fsi3.png)" in readme.read_text() and study.main_long(**given) == [""]
     assert in_time.first_steps == [1]
 
 
@@ -361,40 +307,3 @@ def test_a_long_run_that_died_at_once_has_one_row(tmp_path, in_time, check):
     assert study.main_long(out=tmp_path, runs=tmp_path / "runs", cases=cases) == ["not-converged"]
     frame = pd.read_csv(tmp_path / "long.csv")
     assert frame["complete"].tolist() == [False]
-
-
-# Command line ---------------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("words", "module", "options"),
-    [
-        (["--unsteady"], study, {}),
-        (["--unsteady", "--jobs", "2"], study, {"jobs": 2}),
-        (["--long", "--runs", "there"], study, {"runs": folder.Path("there")}),
-        (["--blood", "--jobs", "2", "--runs", "there"], blood, {"jobs": 2, "runs": folder.Path("there")}),
-        (["--hard", "--only", "h-*", "--out", "there"], hard, {"only": "h-*", "out": folder.Path("there")}),
-    ],
-)
-def test_the_kind_of_verification_is_chosen_by_its_option(capsys, monkeypatch, words, module, options):
-    seen = []
-    name = "main_long" if "--long" in words else "main"
-    monkeypatch.setattr(module, name, lambda **given: seen.append(given) or ["not-converged"])
-    assert call(capsys, "verify", *words)[0] == 3
-    assert seen == [options]
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (["--unsteady", "--long"], "give either --unsteady or --long, not both"),
-        (["--unsteady", "--only", "x"], "python -m studies verify --unsteady has no option --only"),
-        (["--jobs", "2"], "python -m studies verify has no option --jobs"),
-        (["--long", "--only", "h-*"], "python -m studies verify --long has no option --only"),
-        (["--hard", "--readme", "README.md"], "python -m studies verify --hard has no option --readme"),
-    ],
-)
-def test_options_of_another_verification_are_refused(capsys, words, message):
-    code, _, err = call(capsys, "verify", *words)
-    assert code == 2
-    assert message in err

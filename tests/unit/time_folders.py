@@ -74,8 +74,7 @@ class FakeTimeFreeFEM:
             for name, text in (("history", HEAD), ("newton", NEWTON_HEAD), ("steps", STEPS_HEAD)):
                 (out / f"{name}.csv").write_text(text)
         self.first_steps.append(step + 1)
-        mesh = structured_mesh()
-        turn = 0
+        mesh, turn = structured_mesh(), 0
         while step * k < end * (1 - 1e-9):
             step += 1
             if step == self.fail:

@@ -30,7 +30,6 @@ class Drawing:
     names: dict[str, tuple[int, int]] = field(default_factory=dict)
 
     def write(self, path: Path, form: str = "gmsh22", data: str = "gmsh:physical") -> Path:
-        """Write the file in one of meshio's formats."""
         cells = [("triangle", self.triangles), ("line", self.lines)]
         mesh = meshio.Mesh(
             self.points, cells, cell_data={data: [self.region, self.curve]},
@@ -93,7 +92,6 @@ def write_scene(folder: Path, table: dict[str, Any] | None = None, drawing: Draw
 
 
 def beam_scene(file: Path, clamped: str | int, region: str | int = "beam") -> Scene:
-    """Return the scene of a solid with one held side."""
     return Scene.from_toml(
         tomli_w.dumps(
             {
@@ -107,5 +105,4 @@ def beam_scene(file: Path, clamped: str | int, region: str | int = "beam") -> Sc
 
 
 def lengths(found: Scene) -> dict[str, float]:
-    """Return the lengths of the boundaries in m."""
     return {boundary.name: round(boundary.exact_length, 9) for boundary in boundaries(found)}

@@ -26,7 +26,6 @@ def table(name: str) -> pd.DataFrame:
 
 
 def default_run(case: str) -> pd.Series:
-    """The run with the catalogue's mesh level and time step of today."""
     rows, scene = table(in_time.CSV), CASES[case]
     (row,) = rows[
         (rows["case"] == case) & (rows["level"] == scene.mesh.level) & (abs(rows["step"] / scene.time.step - 1) < 1e-9)
@@ -45,15 +44,12 @@ def test_the_catalogues_mesh_and_step_meet_the_published_value(case, item):
 @pytest.mark.parametrize("case", PERIODIC_CASES, ids=lambda case: case.name)
 def test_the_catalogues_mesh_is_moderate_and_its_motion_periodic(case):
     row = default_run(case.name)
-    assert row["unknowns"] <= LARGEST
-    assert row["status"] == "converged"
-    assert row["periodic"]
+    assert row["unknowns"] <= LARGEST and row["status"] == "converged" and row["periodic"]
 
 
 def test_every_run_is_there_and_checked():
     rows = table(in_time.CSV)
-    assert len(rows) == sum(len(case.plans) for case in PERIODIC_CASES)
-    assert (rows["status"] == "converged").all()
+    assert len(rows) == sum(len(case.plans) for case in PERIODIC_CASES) and (rows["status"] == "converged").all()
     assert (rows["check_maximum"] < CHECK).all()
 
 
@@ -61,11 +57,9 @@ def test_every_run_is_there_and_checked():
 def test_long_runs_keep_their_amplitude_and_their_mesh(case):
     rows = table(in_time.LONG_CSV)
     own = rows[rows["case"] == case.name]
-    assert own["complete"].all()
-    assert own["reached"].iloc[-1] >= case.end * (1 - 1e-9)
+    assert own["complete"].all() and own["reached"].iloc[-1] >= case.end * (1 - 1e-9)
     amplitude, least = (own[name].to_numpy() for name in ("amplitude", "min_jacobian"))
     print(f"{case.name}: {len(own)} blocks, amplitude {amplitude[-2]:.6g}, {amplitude[-1]:.6g}, J {least[-2:]}")
     assert len(own) >= 10
-    assert abs(amplitude[-1] - amplitude[-2]) < in_time.BOUND * amplitude[-1]
-    assert abs(least[-1] - least[-2]) < 0.02
+    assert abs(amplitude[-1] - amplitude[-2]) < in_time.BOUND * amplitude[-1] and abs(least[-1] - least[-2]) < 0.02
     assert own["check_maximum"].iloc[-1] < CHECK

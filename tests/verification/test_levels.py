@@ -16,9 +16,6 @@ def test_levels_differ_by_little(measured, variant):
     found = [steady.differences(*pair) for pair in pairwise(runs)]
     tips, drags = ([item[name] for item in found] for name in ("tip", "drag"))
     print(f"{variant.case}: tip {tips}, drag {drags}")
-    assert max(tips) < TIP
-    assert max(drags) < DRAG
-    assert tips[-1] < TIP / 2
-    assert drags[-1] < DRAG / 2
+    assert max(tips) < TIP and max(drags) < DRAG and tips[-1] < TIP / 2 and drags[-1] < DRAG / 2
     for run in runs:
         assert run.check_maximum < 1e-8
