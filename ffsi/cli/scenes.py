@@ -151,7 +151,7 @@ def show(
 
 def _print_scene(scene: Scene) -> None:
     """Print what is known before there is a mesh."""
-    from ffsi.result.domain import CONDITIONS, intended
+    from ffsi.result.domain import CONDITIONS, PRESSED, intended
     from ffsi.result.numbers import inlet_words, numbers
     from ffsi.result.resolution import of_scene
 
@@ -169,7 +169,9 @@ def _print_scene(scene: Scene) -> None:
     console.print()
     sides = _table(None, "boundary", "role", "length", "condition")
     for name, side in domain["boundaries"].items():
-        sides.add_row(*map(Text, (name, side["role"], f"{side['length']:.6g} m", CONDITIONS[side["role"]])))
+        inlet = scene.inlet.get(name)
+        condition = PRESSED if inlet is not None and inlet.pressure is not None else CONDITIONS[side["role"]]
+        sides.add_row(*map(Text, (name, side["role"], f"{side['length']:.6g} m", condition)))
     console.print(sides)
     console.print()
     rows = _table(None, "number", "value", "how it is formed")

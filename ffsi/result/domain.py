@@ -24,6 +24,7 @@ CONDITIONS: dict[Role, str] = {
     "slip": "no motion across, no friction along",
 }
 """What each role of a boundary means."""
+PRESSED = "the fluid comes in by the given pressure"
 
 
 def intended(scene: Scene) -> dict[str, Any]:
@@ -54,7 +55,9 @@ def _by_name(scene: Scene, lengths: Mapping[int, float]) -> dict[str, dict[str, 
     found: dict[str, dict[str, Any]] = {}
     for boundary in boundaries(scene):
         name = boundary.name if boundary.name not in found else f"{boundary.name} (part)"
-        found[name] = {"role": boundary.role, "length": lengths.get(boundary.label, 0.0)}
+        # An inlet with a pressure has the natural condition of an outlet.
+        role = "inlet" if boundary.opening in scene.inlet else boundary.role
+        found[name] = {"role": role, "length": lengths.get(boundary.label, 0.0)}
     return found
 
 

@@ -6,6 +6,7 @@ from own_mesh import scene_on, write_mesh
 from structured import structured_mesh
 from test_walls import RUBBER, WATER, state_of
 
+from ffsi.result.domain import intended
 from ffsi.run import execute
 from ffsi.run.one_scene import solve
 from ffsi.scene import Scene, SceneError, load_scene, with_values
@@ -73,6 +74,7 @@ def test_a_pressure_drives_poiseuilles_flow_through_two_outlets(direction, tmp_p
     assert found["pressure_at_top"] == pytest.approx(0.5, rel=1e-10)
     assert found["flow_rate_in"] == pytest.approx(flow, rel=1e-10)
     assert load_scene(tmp_path / "run/scene.toml") == scene
+    assert {side["role"] for side in intended(scene)["boundaries"].values()} == {"inlet", "outlet", "no-slip"}
 
 
 def test_two_inlets_make_one_profile(tmp_path):
