@@ -150,4 +150,5 @@ $(STAMP): pyproject.toml | system
 	@$(APT_INSTALL); if ! $(BIN)/python -m pip --version >/dev/null 2>&1; then $(NEW_VENV); fi
 	@echo "Installing the Python packages into $(VENV)"
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
+	@$(BIN)/python -m compileall -q ffsi  # where Python may not write bytecode a run would compile all of it, 0.2 s
 	@touch $(STAMP)

@@ -62,8 +62,9 @@ def radon_rule() -> tuple[Floats, Floats]:
 @cache  # 6 % of the time of a check of steps
 def gauss_rule(n: int = 5) -> tuple[Floats, Floats]:
     """Gauss-Legendre points and weights (n,) on the interval [0, 1], exact to degree 2n - 1."""
-    points, weights = np.polynomial.legendre.leggauss(n)
-    points, weights = 0.5 * (points + 1.0), 0.5 * weights
+    k = np.arange(1, n)  # eigenvalues of the recurrence (Golub, Welsch 1969); numpy.polynomial takes long to load
+    points, vectors = np.linalg.eigh(np.diag(k / np.sqrt(4.0 * k**2 - 1.0), -1))
+    points, weights = 0.5 * (points + 1.0), vectors[0] ** 2
     points.flags.writeable = weights.flags.writeable = False
     return points, weights
 
