@@ -94,6 +94,16 @@ def run(
         ),
     ] = None,
     jobs: Annotated[int, typer.Option("--jobs", min=1, help="With --levels: processes at a time.")] = 1,
+    adapt: Annotated[
+        str,
+        typer.Option("--adapt", metavar="A,B", help="Steady: a mesh made for quantities.", show_default=False),
+    ] = "",
+    tolerance: Annotated[
+        str | None, typer.Option("--tolerance", metavar="0.1%", help="Of each of them.", show_default=False)
+    ] = None,
+    unknowns: Annotated[
+        int | None, typer.Option("--unknowns", metavar="N", help="At most, of that mesh.", show_default=False)
+    ] = None,
     animate: Annotated[
         str | None,
         typer.Option("--animate", metavar="FIELD", help=f"In time: write FIELD.gif ({FIELDS}).", show_default=False),
@@ -107,15 +117,16 @@ def run(
     from ffsi.freefem import FreeFEMError
     from ffsi.result import resolution
     from ffsi.result.in_time import STOPPED
+    from ffsi.run.adaptation import asked_of
     from ffsi.run.longer import lengthen
     from ffsi.run.one_scene import solve
     from ffsi.run.resume import check_resumable
     from ffsi.scene import load_scene
 
-    if levels is not None and (
-        others := [f"--{name}" for name, given in (("resume", resume), ("animate", animate), ("error", error)) if given]
-    ):
+    alone = {"resume": resume, "animate": animate, "error": error, "adapt": adapt}
+    if levels is not None and (others := [f"--{name}" for name, given in alone.items() if given]):
         raise InputError(f"give either --levels or {others[0]}, not both")
+    names = [name for name in adapt.split(",") if name]
     if resume is not None:
         if case is not None or out is not None:
             raise InputError("--resume takes case, values and folder from DIR: give no CASE or --out")
@@ -126,6 +137,7 @@ def run(
         scene = load_scene(case, settings)
         if levels is not None:
             _levels(scene, levels, out or Path("runs") / f"{scene.name}-levels", jobs, json=json, check=not no_check)
+        scene, _ = asked_of(scene, names, tolerance, unknowns)
         directory = out or Path("runs") / scene.name
         folder.check_usable(directory)
     if animate is not None:
@@ -144,6 +156,9 @@ def run(
                 resume=resume is not None,
                 animate=animate,
                 error=error,
+                adapt=names,
+                tolerance=tolerance,
+                unknowns=unknowns,
             )
     except (FreeFEMError, machine.MachineError) as error:
         if json:

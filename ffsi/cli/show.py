@@ -138,8 +138,23 @@ def result(done: Result) -> None:
     if values:
         published = {} if when.startswith("at") else references_for(done.scene)
         console.print(quantities(values, published, f"quantity {when}".strip(), data))
+    if "adaptation" in data:
+        console.print(adaptation(data["adaptation"]["rounds"]))
     for line in summary(done):
         console.print(Text(printable(line)), soft_wrap=True)
+
+
+def adaptation(rounds: Sequence[Mapping[str, Any]]) -> Table:
+    """Return the table of the meshes that were made for quantities: unknowns, values with their bars."""
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    names = list(rounds[0]["quantities"])
+    for name in ("unknowns", *names):
+        table.add_column(text(name), justify="right")
+    for step in rounds:
+        found = [step["quantities"][name] for name in names]
+        cells = [with_bar(each["value"], each["bar"]) if each.get("bar") else f"{each['value']:.7g}" for each in found]
+        table.add_row(*map(text, [str(step["unknowns"]), *cells]))
+    return table
 
 
 def quantities(

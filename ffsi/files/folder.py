@@ -29,6 +29,7 @@ POINT = "point.json"
 STATE = "point.bin"
 SENSITIVITIES = "sensitivities.json"
 ERRORS = "errors.json"
+ADAPTATION = "adaptation.json"
 FAILED = "failed.json"
 FAILED_STATE = "failed.bin"
 # Of a run in time.
@@ -56,7 +57,8 @@ _LONGEST_PATH, _LONGEST_NAME = 4000, 255
 
 _OURS = (
     *(*DEFINITION, LOG, RESULT, "result-*.json", HISTORY, MESH, FAILED, FAILED_STATE, *IN_TIME, STOP, SERIES, LOGS),
-    *("point-*.json", "point-*.bin", "sensitivities-*.json", "errors-*.json", WALL, "wall-????.csv", "fields*.vtu"),
+    *("point-*.json", "point-*.bin", "sensitivities-*.json", "errors-*.json", "adaptation-*.json"),
+    *(WALL, "wall-????.csv", "fields*.vtu"),
     *(f"{name}{ending}" for name in PICTURES for ending in ("*.png", ".gif")),
     ".*.part",  # what a kill left
 )
@@ -70,7 +72,7 @@ def numbered(name: str, point: int) -> str:
 
 def point_files(point: int, *, solved: bool) -> tuple[str, ...]:
     """Return the names of the files that the script writes of one point, or of its failure."""
-    of_solved = (POINT, STATE, SENSITIVITIES, ERRORS)
+    of_solved = (POINT, STATE, SENSITIVITIES, ERRORS, ADAPTATION)
     return tuple(numbered(name, point) for name in of_solved) if solved else (FAILED, FAILED_STATE)
 
 

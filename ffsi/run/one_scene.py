@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import tempfile
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ from ffsi.freefem import FreeFEMError, find_freefem
 from ffsi.freefem.events import OnEvent
 from ffsi.hemodynamics.result import Result, load_result
 from ffsi.run import beside
+from ffsi.run.adaptation import asked_of
 from ffsi.run.execute import execute, start
 from ffsi.run.longer import END, lengthen
 from ffsi.run.point import Point, seconds
@@ -36,6 +37,9 @@ def solve(
     animate: str | None = None,
     sensitivities: bool = False,
     error: bool = False,
+    adapt: Sequence[str] = (),
+    tolerance: float | str | None = None,
+    unknowns: int | None = None,
 ) -> Result:
     """Solve one scene and leave its run folder behind.
 
@@ -54,6 +58,11 @@ def solve(
             `data["sensitivities"]`: by quantity, then key, `derivative` (SI) and `logarithmic`.
         error: also estimates of what the mesh, and in time the step, adds to the quantities, and error bars, into
             `data["errors"]` (docs/numerics.md). In time two more runs beside this one, in folders of `out`.
+        adapt: of a steady scene, the quantities that the mesh is made for: from that of level 0 on it is made again
+            where their errors come from, until the tolerance is met or the unknowns are used up. With `error`; the
+            meshes are in `data["adaptation"]`.
+        tolerance: of each of them, relative, as 1e-3 or "0.1%".
+        unknowns: the most that the mesh may have; 60 000 where only a tolerance is given.
 
     Returns:
         The Result; a scene that does not converge is a Result with status `failed`, not an exception.
@@ -71,10 +80,13 @@ def solve(
         raise InputError(f"animate = {animate!r}: accepted: {', '.join(folder.PICTURES)}")
     if on_event is not None and not callable(on_event):
         raise InputError(f"on_event = {on_event!r}: accepted: a function that takes an event")
-    asked = [name for name, wanted in (("sensitivities", sensitivities), ("error", error)) if wanted]
+    named = [name for name, wanted in (("sensitivities", sensitivities), ("error", error)) if wanted]
     if sensitivities and scene.time is not None:
         raise InputError(f"sensitivities: {scene.name} is a scene in time; accepted: steady ones")
     others = beside.scenes_beside(scene) if error and scene.time is not None else {}
+    scene, asked = asked_of(scene, adapt, tolerance, unknowns)
+    if asked and sensitivities:
+        raise InputError("give either adapt or sensitivities, not both")
     if resume:
         if target is None:
             raise InputError("to resume a run its folder is needed")
@@ -94,7 +106,7 @@ def solve(
         arguments = start(point, installation, resume)
         with beside.running(directory, others, run_beside, resume) as runs:
             if arguments is not None:
-                arguments = {**arguments, **(dict.fromkeys(asked, "1") if scene.steady else {})}
+                arguments = {**arguments, **(dict.fromkeys(named, "1") if scene.steady else {}), **asked}
             died = None if arguments is None else execute(scene, directory, installation, arguments, on_event)
             data = point.judged(died, check)
             if not resume and (further := _that_goes_further(scene, data)) is not None:

@@ -89,6 +89,12 @@ class Point:
         if not failure and (errors := self._read(folder.numbered(folder.ERRORS, self.number))):
             data["errors"] = errors["errors"]
             data["warnings"] = [*data["warnings"], *errors["warnings"]]
+        if not failure and (adaptation := self._read(folder.numbered(folder.ADAPTATION, self.number))):
+            data["adaptation"] = {name: adaptation[name] for name in ("tolerance", "unknowns", "rounds")}
+            data["warnings"] = [*data["warnings"], *adaptation["warnings"]]
+            for name, found in adaptation["rounds"][-1]["quantities"].items():
+                if "bar" in found:
+                    data["errors"][name] |= {"bar": found["bar"], "method": "localised on the meshes made for it"}
         data |= attempt(notes, "regions and boundaries", lambda: result.domain) or {}
         if self.scene.time is not None:
             attempt(notes, "motion", lambda: in_time.complete(data, self.scene, self.directory))
@@ -251,7 +257,7 @@ def set_aside(data: dict[str, Any], raw: Mapping[str, Any]) -> None:
         found |= {"time": in_time["reached"]} | flatten(in_time["last"])
     data["reached"] = found | flatten(data["quantities"])
     data["quantities"] = {}
-    for name in ("sensitivities", "errors"):
+    for name in ("sensitivities", "errors", "adaptation"):
         data.pop(name, None)
 
 

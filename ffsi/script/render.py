@@ -75,6 +75,12 @@ def is_runtime_parameter(scene: Scene, key: str) -> bool:
     return any(parameter.key == key and parameter.kind == 1 for parameter in parameters(scene))
 
 
+def has_sizes(scene: Scene) -> bool:
+    """Tell whether the mesh of a scene follows sizes that are a function of the place."""
+    library = library_folder() / f"{scene.geometry.kind}.idp"
+    return scene.geometry.kind != "mesh" and "macro isAdapted()" in library.read_text(encoding="utf-8")
+
+
 def render(scene: Scene, *, mumps: bool = True, mesh_file: str = STORED, bundled: bool = True) -> str:
     """Return the complete FreeFEM script of a scene.
 
@@ -356,7 +362,7 @@ def _machinery(scene: Scene) -> list[str]:
     outlet = scene.only_outlet
     outlets = [outlet] if outlet else list(scene.outlets.values())
     special = any(each.has_pressure or each.backflow is not None or each.hydrostatic for each in outlets)
-    last = ["continuation", "failure", "sensitivities", "errors", "main"]
+    last = ["continuation", "failure", "sensitivities", "localisation", "errors", "adaptation", "main"]
     if scene.time:
         first = ["womersley"] if _womersley(scene) else []
         wall = ["wall"] if scene.output.wall else []

@@ -29,7 +29,7 @@ def freefem(installation):
         path = EDP / f"{script}.edp" if isinstance(script, str) else script
         command = [installation.binary, "-nw", "-ns", "-v", "0", path, *map(str, arguments)]
         return subprocess.run(
-            command, env=installation.environment(1), cwd=cwd, capture_output=True, text=True, timeout=60, check=False
+            command, env=installation.environment(), cwd=cwd, capture_output=True, text=True, timeout=60, check=False
         )
 
     return freefem

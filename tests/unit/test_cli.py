@@ -40,6 +40,8 @@ BAD_INPUT = [
     (["run", "flap-svk", "again"], "unexpected extra argument"),
     (["run", "flap-svk", "--set", "mesh.level"], "key=value"),
     (["run", "flap-svk", "--set", "mesh.level=9"], "mesh.level = 9"),
+    (["run", "flap-svk", "--adapt", "drag,lifft", "--tolerance", "0.1%"], 'did you mean "lift"?'),
+    (["run", "flap-svk", "--adapt", "drag", "--tolerance", "0"], "tolerance = '0': accepted"),
     (["run", "flap-svk", "--levels", "0,1"], "at least three levels"),
     (["run", "flap-svk", "--levels", "0,1,x"], "accepted: whole numbers"),
     (["run", "flap-svk", "--levels", "0,1,9"], "mesh.level = 9"),

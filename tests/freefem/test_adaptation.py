@@ -1,0 +1,59 @@
+"""Meshes made for quantities: the tolerance is met, by fewer unknowns than graded meshes need."""
+
+import json
+
+import pytest
+from test_direct import freefem  # noqa: F401
+
+import ffsi
+
+REFERENCE = {"drag": 14.2940, "lift": 0.76478, "tip_ux": 2.2681e-5, "tip_uy": 8.186e-4}  # FSI1 without a mesh's error
+
+
+def test_the_tolerance_is_met(tmp_path):
+    result = ffsi.solve("turek-fsi1", tmp_path / "run", adapt=list(REFERENCE), tolerance="0.5%")
+    rounds, errors = result.data["adaptation"]["rounds"], result.data["errors"]
+    assert result.checked and not [text for text in result.warnings if "checked" not in text]
+    assert rounds[0]["unknowns"] == 6995 < rounds[-1]["unknowns"] == result.data["unknowns"] < 14000
+    for name, value in REFERENCE.items():
+        found = result.quantities[name]
+        assert rounds[-1]["quantities"][name] == {
+            "value": pytest.approx(found, rel=1e-12), "estimate": errors[name]["estimate"], "bar": errors[name]["bar"]
+        }  # fmt: skip
+        assert abs(found - value) <= errors[name]["bar"] + 1e-4 * abs(value), name
+        assert errors[name]["bar"] <= 5e-3 * abs(found), name
+    assert rounds[0]["quantities"]["tip_uy"]["bar"] > 10 * errors["tip_uy"]["bar"]
+
+
+def test_the_unknowns_are_not_exceeded_and_the_tolerance_is_said_to_be_missed(tmp_path):
+    result = ffsi.solve("flap-neo-hookean", tmp_path / "run", adapt=["drag", "tip_ux"], tolerance=1e-6, unknowns=5000)
+    first, last = result.data["adaptation"]["rounds"][0], result.data["adaptation"]["rounds"][-1]
+    assert result.checked and 4250 < result.data["unknowns"] == last["unknowns"] <= 5000
+    assert all(last["quantities"][name]["bar"] < first["quantities"][name]["bar"] for name in ("drag", "tip_ux"))
+    assert any("of drag, tip_ux are above the tolerance" in text for text in result.warnings)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("-adapt", "drag,dragg", "-tolerance", "0.01"), "'dragg' is no quantity"),
+        (("-adapt", "drag"), "-adapt needs -tolerance or -unknowns"),
+        (("-adapt", "drag", "-tolerance", "0"), "-tolerance needs a number above 0"),
+        (("-tolerance", "0.1"), "belong to -adapt"),
+        (("-adapt", "drag", "-unknowns", "9000", "-sensitivities", "1"), "-adapt goes with neither"),
+    ],
+)
+def test_a_script_refuses_it(freefem, tmp_path, arguments, message):  # noqa: F811
+    done = freefem("turek-cfd1", *arguments, "-out", tmp_path, cwd=tmp_path)
+    assert done.returncode == 2 and message in done.stdout
+    assert not list(tmp_path.glob("point*"))
+
+
+def test_a_script_run_directly_is_taken_over(freefem, tmp_path):  # noqa: F811
+    done = freefem(
+        "turek-cfd1", "-adapt", "drag", "-tolerance", "0.01", "-mesh_level", 2, "-out", tmp_path, cwd=tmp_path
+    )
+    assert done.returncode == 0, done.stdout
+    result = ffsi.load_result(tmp_path)
+    assert result.checked and result.scene.mesh.level == 0 and "drag" in result.data["errors"]
+    assert json.loads((tmp_path / "adaptation-0001.json").read_text())["tolerance"] == 0.01
