@@ -127,7 +127,7 @@ def test_a_script_killed_at_any_moment_comes_to_the_same_when_it_goes_on(tmp_pat
     command = [installation.binary, "-nw", "-ns", "-v", "0", out / folder.SCRIPT, "-out", out]
     seconds = whole.history["seconds"]
     with (out / folder.LOG).open("w") as log:
-        process = subprocess.Popen(command, env=installation.environment(1), stdout=log, cwd=out)
+        process = subprocess.Popen(command, env=installation.environment(), stdout=log, cwd=out)
         wait_for_rows(out / "history.csv", share * len(seconds), process)
         time.sleep(late * seconds.diff().median())
         assert process.poll() is None, "it ended before it could be killed"
