@@ -1,5 +1,6 @@
 """Real runs in time: killed and resumed, stopped, outputs at their times, and the files for the checker."""
 
+import json
 import os
 import signal
 import subprocess
@@ -108,6 +109,12 @@ def test_a_whole_run_is_complete_and_its_saved_steps_solve_their_equations(whole
     checked = [report.momentum, report.continuity, report.kinematics, report.mesh_motion, report.drag_difference]
     assert all(value is not None and value < 1e-9 for value in checked)
     assert 0 < report.step_error < 2  # of ordinary steps, over their tolerance
+
+
+def test_no_second_is_counted_twice_or_forgotten(whole):
+    timings = json.loads((whole.directory / "point-0001.json").read_text())["timings"]  # before Python adds its own
+    parts = ("mesh", "operators", "residual", "jacobian", "factorize", "solve", "output")
+    assert 0.93 * timings["script"] < sum(timings[part] for part in parts) < timings["script"]
 
 
 def test_an_output_time_between_two_steps_is_hit(tmp_path):
