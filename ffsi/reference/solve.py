@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -28,6 +28,8 @@ if TYPE_CHECKING:  # a check of a solved state needs none of it, and it takes a 
     from scipy.sparse.linalg import SuperLU
 
 _COMPLEX_STEP = 1e-30
+# An order for symmetric patterns, a third of the entries of COLAMD's; a pivot off the diagonal would spoil it.
+_ORDER: Any = {"permc_spec": "MMD_AT_PLUS_A", "diag_pivot_thresh": 1e-4, "options": {"SymmetricMode": True}}
 _SHORTEST_STEP = 2.0**-10
 
 # Elements of one kind with k local unknowns and r local equations: a function of the unknowns (n, k) whose values are
@@ -326,7 +328,7 @@ class Factors:
         equilibrated = 1.0 / abs(matrix).max(axis=0).toarray()
         matrix, columns = matrix @ diags_array(equilibrated), columns * equilibrated
         try:
-            return cls(rows, columns, splu(matrix.tocsc()))
+            return cls(rows, columns, splu(matrix.tocsc(), **_ORDER))
         except RuntimeError as error:
             raise ConvergenceError(f"{system.problem.name}: the Jacobian is singular ({error})") from error
 
