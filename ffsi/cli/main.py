@@ -470,12 +470,10 @@ def _call(arguments: Sequence[str] | None, commands: typer.Typer, name: str) -> 
     except Exception as error:
         if hasattr(error, "format_message"):  # of the command line itself; typer has no public name for it
             return show.usage(error)
-        from ffsi.freefem import FreeFEMError
-        from ffsi.scene import SceneError
-
-        if isinstance(error, SceneError | FreeFEMError):
+        kinds = {kind.__name__ for kind in type(error).__mro__}  # loads nothing: memory may have ended
+        if kinds & {"SceneError", "FreeFEMError"}:
             show.error(str(error))
-            return NO_FREEFEM if isinstance(error, FreeFEMError) and error.kind != "bad-input" else BAD_INPUT
+            return NO_FREEFEM if getattr(error, "kind", "bad-input") != "bad-input" else BAD_INPUT
         show.fault(error)
         return FAULT
 
