@@ -20,6 +20,8 @@ _SAME = 1e-9
 _SLIVER = 1e-3
 # A waveform that is smaller than this at the start is at rest: a Fourier series meets zero up to rounding only.
 _REST = 1e-12
+# Part of a step over which the rate of a displacement is a difference.
+_STENCIL = 0.02
 # Number of the first steps that damp a jump.
 _DAMPED_STEPS = 2
 
@@ -82,6 +84,7 @@ def problem_from_scene(scene: Scene) -> Problem:
                 _motion(scene, b.moving),
                 _load(scene, b.load),
                 **_opening(scene, b),
+                displacement=_displacement(scene, b.moving),
             )
             for b in boundaries(scene)
         ),
@@ -185,6 +188,15 @@ def _motion(scene: Scene, name: str | None) -> Callable[[Floats, float], Floats]
     if name is None:
         return None
     wall = scene.walls[name]
+    if (path := _displacement(scene, name)) is not None and scene.time is not None:
+        # Its rate by differences of fourth order: the formula's own derivative is the script's.
+        h = _STENCIL * scene.time.step
+
+        def rate(points: Floats, time: float) -> Floats:
+            far, near = (path(points, time + n * h) - path(points, time - n * h) for n in (2, 1))
+            return (8.0 * near - far) / (12.0 * h)
+
+        return rate
     factor, centre = _wall_factor(scene, name), complex(wall.centre_x, wall.centre_y)
 
     def motion(points: Floats, time: float) -> Floats:
@@ -192,6 +204,18 @@ def _motion(scene: Scene, name: str | None) -> Callable[[Floats, float], Floats]
         return factor(time) * np.column_stack([velocity.real, velocity.imag])
 
     return motion
+
+
+def _displacement(scene: Scene, name: str | None) -> Callable[[Floats, float], Floats] | None:
+    """How far a wall that the mesh follows is from where it was; None of any other."""
+    if name is None or not scene.walls[name].displaced:
+        return None
+    formulas = scene.walls[name].displacement
+
+    def displacement(points: Floats, time: float) -> Floats:
+        return np.column_stack([f.evaluate(x=points[:, 0], y=points[:, 1], t=time) for f in formulas])
+
+    return displacement
 
 
 def _load(scene: Scene, name: str | None) -> Load | None:
@@ -243,6 +267,7 @@ def theta_of(scene: Scene) -> Callable[[float, int], float]:
     flows = [*([scene.inflow] if scene.inflow else []), *scene.inlet.values()]
     jumps = any(abs(_factor(scene, inflow)(0.0)) > _REST for inflow in flows)
     jumps |= any(abs(_wall_factor(scene, name)(0.0)) > _REST for name in scene.walls)
+    jumps |= any(wall.displaced for wall in scene.walls.values())
     jumps |= scene.start is not None or time.initial is not None
     return lambda k, number: 1.0 if jumps and number <= _DAMPED_STEPS else weight(k)
 

@@ -75,7 +75,8 @@ class MeshMotion:
 class Boundary:
     """Edges of one label: their role, the body part they belong to, and the circle (cx, cy, r) they approximate.
 
-    ``motion`` maps points (n, 2) of a no-slip wall that moves and the time to its velocities (n, 2), metres per second.
+    ``motion`` maps points (n, 2) of a no-slip wall that moves and the time to its velocities (n, 2), metres per second,
+    ``displacement`` those of a wall that the mesh follows to how far it is, metres; such a wall has common nodes.
     ``load`` is what acts on a loaded boundary besides the problem's traction; ``inflow`` and ``outlet`` are what one of
     several inlets or outlets has in the place of the problem's own, ``opening`` its name and the sign of a flow rate
     out of the fluid; along the unit vector ``still`` nothing flows there.
@@ -92,6 +93,7 @@ class Boundary:
     outlet: Outlet | None = None
     opening: tuple[str, float] | None = None
     still: tuple[float, float] | None = None
+    displacement: Callable[[Floats, float], Floats] | None = None
 
 
 @dataclass(frozen=True)

@@ -164,13 +164,14 @@ def _jacobians(system: System, state: RawState, reported: Mapping[str, float]) -
     fluid = {"fluid": system.fluid.elements} if system.fluid is not None else {}
     smallest = {name: _smallest(system, elements, state, name, reported) for name, elements in (fluid | solids).items()}
     groups = {"": [*smallest]}
-    if fluid and solids:
-        groups |= {"_fluid": ["fluid"], "_solid": [*solids]}
+    moves = system.fluid is not None and system.fluid.motion is not None
+    if moves:
+        groups |= {"_fluid": ["fluid"]} | ({"_solid": [*solids]} if solids else {})
     found = {}
     for ending, members in groups.items():
         value, size, _ = smallest[members[int(np.argmin([smallest[name][0] for name in members]))]]
         found[f"min_jacobian{ending}"] = Quantity.of(value, size)
-    if solids:
+    if solids or moves:
         extent = float(np.ptp(system.mesh.vertices, axis=0).max())
         for name, (_, _, place) in smallest.items():
             for component, value in zip(_COMPONENTS, place.tolist(), strict=True):

@@ -220,7 +220,8 @@ def _mesh_motion(system: System, fluid: FluidPart, motion: MeshMotion, state: Ra
     elements, n2 = fluid.elements, system.mesh.n_p2
     local = terms.mesh_motion(motion, fluid.alpha, elements, state.u[elements.nodes])
     assembled = _scattered(local, elements.nodes, n2)
-    magnitude = ROUNDING * spread(fluid.alpha * largest_on(state.u, elements), elements, n2)
+    stiffness = (2.0 + motion.divergence_weight) * fluid.alpha
+    magnitude = ROUNDING * spread(stiffness * largest_on(state.u, elements), elements, n2)
     assembled = {name: along(term, system.rows.u_normal) for name, term in assembled.items()}
     return Equation(assembled, system.rows.mesh_motion, magnitude)
 

@@ -131,7 +131,7 @@ class System:
         _check_labels(problem, mesh)
         fluid = None
         if problem.fluid:
-            elements, motion = _elements(mesh, FLUID_REGION), problem.mesh_motion if problem.solids else None
+            elements, motion = _elements(mesh, FLUID_REGION), problem.mesh_motion
             alpha = _mesh_stiffness(motion, problem, mesh, elements) if motion else np.ones(len(elements))
             fluid = FluidPart(problem.fluid, elements, outline(mesh, FLUID_REGION), motion, alpha)
         pressures = {region: row for row, region in enumerate(problem.mixed_regions)}
@@ -238,13 +238,14 @@ def _rows(
     nv = len(mesh.vertices)
     pressed = [_mask(nv, mesh.triangles[mesh.region == region]) for region in problem.mixed_regions]
     incompressibility = np.array(pressed, dtype=np.bool_).reshape(-1, nv)
-    u_given = held_u if solids else np.ones_like(held_u)
+    moves = bool(solids) or problem.mesh_motion is not None
+    u_given = held_u if moves else np.ones_like(held_u)
     v_given = held_v if moving else np.ones_like(held_v)
     return Rows(
         momentum=~held_v,
         continuity=wet,
         kinematics=in_solid & ~held_v if moving else none,
-        mesh_motion=in_fluid & ~in_solid & ~held_u if solids else none,
+        mesh_motion=in_fluid & ~in_solid & ~held_u if moves else none,
         incompressibility=incompressibility,
         u_given=u_given,
         v_given=v_given,
@@ -260,14 +261,16 @@ def _conditions(problem: Problem, mesh: RawMesh, time: float | None, corner: Mas
     """Nodes whose u, and whose v, a boundary prescribes, and the values at a time (None: steady); zero elsewhere.
 
     Corners (n2,) of slip boundaries rest.
-    At a common node walls win over an inlet, those at rest over those that move, and of these the last one.
+    At a common node walls win over an inlet, those at rest over those that move along themselves, and of these the last
+    one; walls with a displacement win over all others.
     """
     n2, nv = mesh.n_p2, len(mesh.vertices)
     held_u, held_v = corner.copy(), corner.copy()
-    u, v = np.zeros((2, n2, 2))
+    u, v, shift = np.zeros((3, n2, 2))
 
-    def weight(boundary: Boundary) -> tuple[bool, bool, int]:
-        return boundary.role != "inlet", boundary.motion is None, boundary.label
+    def weight(boundary: Boundary) -> tuple[bool, bool, bool, int]:
+        displaced = boundary.displacement is not None
+        return displaced, boundary.role != "inlet", boundary.motion is None, boundary.label
 
     for boundary in sorted(problem.boundaries, key=weight):
         nodes = mesh.edge_nodes[mesh.label == boundary.label]
@@ -286,7 +289,12 @@ def _conditions(problem: Problem, mesh: RawMesh, time: float | None, corner: Mas
             bent = nodes if problem.chords else nodes[:, 2:]
             u[bent] = _onto_circle(boundary.circle, mesh.p2_coordinates[bent])
         if boundary.motion is not None:
-            v[nodes.ravel()] = boundary.motion((mesh.p2_coordinates + u)[nodes.ravel()], time or 0.0)
+            nodes = nodes.ravel()
+            points = (mesh.p2_coordinates + u)[nodes]
+            v[nodes] = boundary.motion(points, time or 0.0)
+            if boundary.displacement is not None:
+                shift[nodes] = boundary.displacement(points, time or 0.0)
+    u += shift
     if (exact := problem.manufactured) is not None:
         # A fluid alone has no equation for u: it has the value everywhere.
         where = held_u if problem.solids else np.ones_like(held_u)

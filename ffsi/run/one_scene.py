@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import re
 import tempfile
 import time
 from collections.abc import Mapping, Sequence
@@ -25,6 +26,9 @@ from ffsi.scene import Scene, scene_of, with_values
 from ffsi.scene.numerics import FURTHEST
 
 logger = logging.getLogger(__name__)
+MUCH_BACKFLOW = 20
+"""Percent of what passes the outlets, coming back, from which on that is what a run in time failed for."""
+STABLE_BACKFLOW = 0.5
 
 
 def solve(
@@ -91,7 +95,7 @@ def solve(
         if target is None:
             raise InputError("to resume a run its folder is needed")
         check_resumable(target)
-    installation = find_freefem()
+    installation, notes = find_freefem(), list[str]()
     temporary = tempfile.TemporaryDirectory(prefix=f"ffsi-{scene.name}-") if target is None else None
     directory = target or Path(temporary.name if temporary else "")
     point = Point(scene, directory, 1, {}, alone=True)
@@ -109,14 +113,17 @@ def solve(
                 arguments = {**arguments, **(dict.fromkeys(named, "1") if scene.steady else {}), **asked}
             died = None if arguments is None else execute(scene, directory, installation, arguments, on_event)
             data = point.judged(died, check)
-            if not resume and (further := _that_goes_further(scene, data)) is not None:
-                note = f"mesh_motion.kind = {further.mesh_motion.kind}, from the start: {data['reason']}"  # type: ignore[union-attr]
+            while not resume and (changes := _what_goes_further(scene, data)):
+                said = ", ".join(f"{key} = {value}" for key, value in changes.items())
+                note = f"started again with {said}: {data['reason']}"
+                notes.append(note)
                 logger.warning("%s: %s", directory, note)
-                scene, point = further, Point(further, directory, 1, {}, alone=True)
+                scene = with_values(scene, changes)
+                point = Point(scene, directory, 1, {}, alone=True)
                 start(point, installation, resume=False)
                 died = execute(scene, directory, installation, {}, on_event)
                 data = point.judged(died, check)
-                data["warnings"].append(note)
+            data["warnings"] += notes
             if runs:
                 beside.complete(data, scene, runs)
         point.draw(data)
@@ -129,12 +136,21 @@ def solve(
     return Result(scene, directory, data, temporary)
 
 
-def _that_goes_further(scene: Scene, data: Mapping[str, Any]) -> Scene | None:
-    """Return the scene with a mesh motion that does not fold so soon, where the one that it has by default folded."""
-    motion = scene.mesh_motion
-    if scene.time is None or motion is None or not motion.law.linear or "kind" in motion.model_fields_set:
-        return None
-    return with_values(scene, {"mesh_motion.kind": FURTHEST}) if "the fluid mesh folds" in data["reason"] else None
+def _what_goes_further(scene: Scene, data: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what the scene leaves to the program and a run in time failed for: the mesh's motion, then the outlets."""
+    motion, reason = scene.mesh_motion, data["reason"] or ""
+    if scene.time is None:
+        return {}
+    chosen = motion is None or not motion.law.linear or "kind" in motion.model_fields_set
+    if not chosen and "the fluid mesh folds" in reason:
+        return {"mesh_motion.kind": FURTHEST}
+    back = re.search(r"comes back through the outlet, (\d+) %", reason)
+    if back is None or int(back[1]) < MUCH_BACKFLOW:
+        return {}
+    tables = (
+        {"outlet": scene.only_outlet} if scene.only_outlet else {f"outlet.{k}": v for k, v in scene.outlets.items()}
+    )
+    return {f"{key}.backflow": STABLE_BACKFLOW for key, table in tables.items() if table.backflow is None}
 
 
 def resume(

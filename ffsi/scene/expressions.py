@@ -113,6 +113,15 @@ class Expression:
         with np.errstate(all="ignore"):
             return np.array(np.broadcast_to(eval(self._code, _NAMES, known), shape), dtype=np.float64)
 
+    def derivative(self, variable: str) -> Expression:
+        """Return the derivative by a variable, longer than a formula that is read may be.
+
+        Raises:
+            ExpressionError: the formula has a function with kinks, abs, min or max, of the variable.
+        """
+        tree = _derivative(self._tree, variable)
+        return Expression(f"d({self.text})/d{variable}", self.variables, ast.Constant(0.0) if tree is None else tree)
+
     @functools.cached_property
     def _code(self) -> CodeType:
         return _compiled(self._tree)
@@ -225,6 +234,51 @@ def _compiled(tree: ast.expr) -> CodeType:
     """Return the code of a tree that was checked."""
     numbers = _Numbers().visit(copy.deepcopy(tree))
     return compile(ast.fix_missing_locations(ast.Expression(numbers)), "<formula>", "eval")
+
+
+_SLOPES = {
+    "sin": "cos(u)", "cos": "-sin(u)", "tan": "1 + tan(u)**2", "exp": "exp(u)", "log": "1/u", "sqrt": "0.5/sqrt(u)",
+    "tanh": "1 - tanh(u)**2",
+}  # fmt: skip
+
+
+def _insert(text: str, **nodes: ast.expr) -> ast.expr:
+    """Return a text as a tree, with trees for its names."""
+
+    class Names(ast.NodeTransformer):
+        def visit_Name(self, node: ast.Name) -> ast.expr:
+            return copy.deepcopy(nodes.get(node.id, node))
+
+    result: ast.expr = Names().visit(ast.parse(text, mode="eval").body)
+    return result
+
+
+def _derivative(node: ast.expr, variable: str) -> ast.expr | None:
+    """Return the derivative of a tree that was checked; None for zero."""
+    match node:
+        case ast.Name(id=name) if name == variable:
+            return ast.Constant(1.0)
+        case ast.UnaryOp(op=operator, operand=operand):
+            slope = _derivative(operand, variable)
+            return slope and ast.UnaryOp(operator, slope)
+        case ast.BinOp(left=left, op=operator, right=right):
+            first, second = _derivative(left, variable), _derivative(right, variable)
+            if isinstance(operator, ast.Pow):  # the exponent is a constant
+                return first and _insert("n*u**(n - 1)*s", n=right, u=left, s=first)
+            terms = {
+                ast.Add: ("s", "t"), ast.Sub: ("s", "-t"), ast.Mult: ("s*v", "u*t"), ast.Div: ("s/v", "-u*t/v**2"),
+            }[type(operator)]  # fmt: skip
+            there = [text for text, slope in zip(terms, (first, second), strict=True) if slope is not None]
+            known = {"u": left, "v": right, "s": first or left, "t": second or right}
+            return _insert(" + ".join(there), **known) if there else None
+        case ast.Call(func=ast.Name(id=name), args=arguments):
+            slopes = [_derivative(argument, variable) for argument in arguments]
+            if not any(slopes):
+                return None
+            if name not in _SLOPES:
+                raise ExpressionError(f'the function "{name}" has no derivative everywhere')
+            return _insert(f"({_SLOPES[name]})*s", u=arguments[0], s=slopes[0] or arguments[0])
+    return None
 
 
 def _freefem(node: ast.expr, identifiers: Mapping[str, str]) -> tuple[str, int]:

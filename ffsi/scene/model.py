@@ -91,7 +91,9 @@ class Scene(Table):
     solid: dict[str, Solid] = Field(
         default_factory=dict, description="solids by name; without any, the bodies are rigid"
     )
-    mesh_motion: MeshMotion | None = Field(None, description="motion of the fluid mesh, only with fluid and solid")
+    mesh_motion: MeshMotion | None = Field(
+        None, description="motion of the fluid mesh, only where solids or walls displace it"
+    )
     gravity: Gravity | None = Field(None, description="acceleration by gravity in m/s^2; none if absent")
     traction: Traction | None = Field(
         None, description="dead traction on the loaded boundary, per reference length, in Pa; needed where there is one"
@@ -110,7 +112,7 @@ class Scene(Table):
         None, description="condition at the outlet, or at several by name, needed with a fluid"
     )
     walls: dict[str, Wall] = Field(
-        default_factory=dict, description="walls of the fluid that move along themselves, by name; the others rest"
+        default_factory=dict, description="walls of the fluid that move, by name; the others rest"
     )
     forces: Forces | None = Field(None, description="scale of the force coefficients, reference length in m")
     time: Time | None = Field(None, description="steps in time, in s; a scene without it is steady")
@@ -176,7 +178,7 @@ class Scene(Table):
             opening_problems(self.inlet, self.outlets, self.geometry, self.time, self.gravity is not None),
             self._time_problems(),
             self._wall_problems(),
-            wall_problems(self.walls, self.geometry, outline, self.steady),
+            wall_problems(self.walls, self.geometry, outline, self.time.end if self.time else None),
         ]
         refuse([problem for group in problems for problem in group])
         if self.inflow and isinstance(self.geometry, ChannelGeometry) and self.inflow.mean_velocity is None:
@@ -188,7 +190,7 @@ class Scene(Table):
             self.fill(mesh=self.mesh.filled(missing))
         if isinstance(self.geometry, ChannelGeometry) and self.fluid and self.forces is None:
             self.fill(forces=Forces(reference_length=self.geometry.reference_length))
-        if self.fluid and self.solid:
+        if self.mesh_moves:
             self.fill(mesh_motion=(self.mesh_motion or MeshMotion()).of_scene(self.steady))
         if self.time:
             missing_step = {key: value for key, value in STEP_DEFAULTS.items() if getattr(self.solver, key) is None}
@@ -220,8 +222,11 @@ class Scene(Table):
         for key in ("inflow", "inlet", "outlet", "forces"):
             if self.fluid is None and getattr(self, key):
                 yield Problem(key, "only accepted in a scene with a fluid")
-        if self.mesh_motion is not None and not (self.fluid and self.solid):
-            yield Problem("mesh_motion", "only accepted in a scene with a fluid and a solid")
+        if self.mesh_motion is not None and not self.mesh_moves:
+            yield Problem("mesh_motion", "only accepted in a scene with a fluid and a solid or a wall's displacement")
+        if self.mesh_motion is not None and not self.solid and self.mesh_motion.distance_exponent:
+            text = "not accepted in a scene without a solid"
+            yield Problem("mesh_motion.distance_exponent", text, short(self.mesh_motion.distance_exponent))
 
     def _no_fluid_problems(self) -> Iterator[Problem]:
         kind, solids = self.geometry.kind, self.geometry.solid_names
@@ -299,6 +304,11 @@ class Scene(Table):
         if self.fluid is None:
             return "solid"
         return "fsi" if self.solid else "fluid"
+
+    @property
+    def mesh_moves(self) -> bool:
+        """Whether the fluid's mesh follows solids or walls."""
+        return self.fluid is not None and (bool(self.solid) or any(wall.displaced for wall in self.walls.values()))
 
     @property
     def steady(self) -> bool:

@@ -1,4 +1,4 @@
-"""Walls of the fluid that move along themselves: a lid, a belt, a cylinder that turns."""
+"""Walls of the fluid that move: along themselves (a lid, a belt, a cylinder that turns) or with the mesh (a piston)."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -16,8 +16,20 @@ from ffsi.scene.geometry import GeometryBase, MeshGeometry
 from ffsi.scene.units import Coordinate, Quantity
 
 TIME = ("t",)
+PLACE = ("x", "y", "t")
+_REST = 1e-12
 _THROUGH = 1e-6
 """Part of the speed of a wall that may go through it."""
+
+
+def _motion(text: str | None) -> str | None:
+    """Return the text of a displacement; refuse one that is no formula in x, y and t with a derivative by t."""
+    try:
+        if text is not None:
+            Expression.parse(text, PLACE).derivative("t")
+    except ExpressionError as error:
+        refuse([Problem("", f"{error}; accepted: a smooth formula in x, y and t", short(text))])
+    return text
 
 
 def readable(text: str | None) -> str | None:
@@ -33,7 +45,8 @@ def readable(text: str | None) -> str | None:
 class Wall(Table):
     """How a wall moves: V + Omega e_z x (X - c), in time times the inflow's ramp and the waveform.
 
-    It has to move along itself: no fluid goes through it.
+    It has to move along itself: no fluid goes through it. Or it has a displacement, which the mesh follows: its
+    velocity is the rate of that.
     """
 
     velocity_x: Annotated[float, Quantity("m/s")] = Field(0.0, description="x component of the velocity V, m/s")
@@ -49,12 +62,39 @@ class Wall(Table):
         "the inflow if absent; needs a table time",
     )
 
+    displacement_x: str | None = Field(
+        None, description="formula in x, y (m) and t (s): x component of the displacement in m, 0 at t = 0"
+    )
+    displacement_y: str | None = Field(
+        None, description="formula in x, y (m) and t (s): y component of the displacement in m, 0 at t = 0"
+    )
+
     _readable = field_validator("waveform")(readable)
+    _smooth = field_validator("displacement_x", "displacement_y")(_motion)
+
+    @property
+    def displaced(self) -> bool:
+        """Whether the mesh moves with it."""
+        return self.displacement_x is not None or self.displacement_y is not None
+
+    @property
+    def displacement(self) -> tuple[Expression, Expression]:
+        """The displacement (x, y) as formulas in x, y (m) and t (s), m; zero along an axis that has none."""
+        x, y = (Expression.parse(text or "0", PLACE) for text in (self.displacement_x, self.displacement_y))
+        return x, y
 
     @property
     def expression(self) -> Expression | None:
         """The waveform as a formula in t (s), dimensionless; None: that of the inflow."""
         return None if self.waveform is None else Expression.parse(self.waveform, TIME)
+
+    def movement(self, points: Floats, end: float) -> tuple[Floats, Floats]:
+        """Return displacement and rate (2, 101, n), m and m/s, at points (n, 2) m and 101 times from 0 to ``end`` s."""
+        place = {"x": points[:, 0], "y": points[:, 1], "t": np.linspace(0.0, end, 101)[:, None]}
+        values, rates = ([f.evaluate(**place) for f in each] for each in (
+            self.displacement, [axis.derivative("t") for axis in self.displacement]
+        ))  # fmt: skip
+        return np.array(values), np.array(rates)
 
     def velocity(self, points: Floats) -> Floats:
         """Return the velocity (n, 2) in m/s at points (n, 2) in m, without the factors of time."""
@@ -86,9 +126,9 @@ def named(table: Mapping[str, Any], of_scene: str, role: str, key: str) -> Mappi
 
 
 def wall_problems(
-    walls: Mapping[str, Wall], geometry: GeometryBase, outline: list[Boundary], steady: bool
+    walls: Mapping[str, Wall], geometry: GeometryBase, outline: list[Boundary], end: float | None
 ) -> Iterator[Problem]:
-    """Yield what is wrong with the walls of a scene; keys are those of the scene."""
+    """Yield what is wrong with the walls of a scene, steady or to an ``end`` in s; keys are those of the scene."""
     own = isinstance(geometry, MeshGeometry)
     known = list(geometry.moving) if isinstance(geometry, MeshGeometry) else sorted(_able(outline, geometry))
     for name in walls:
@@ -96,16 +136,51 @@ def wall_problems(
             able = [*known, *(geometry.boundaries.walls or ())] if isinstance(geometry, MeshGeometry) else known
             text = f"no wall that can move; accepted: {names(able)}" if able else "not accepted: no wall here can move"
             yield Problem(f"walls.{name}", text, None, nearest(name, able))
-        elif walls[name].waveform is not None and steady:
+        elif end is None:
             text = "only accepted in a scene with a table time (time.step and time.end)"
-            yield Problem(f"walls.{name}.waveform", text, short(walls[name].waveform))
+            for key in ("waveform", "displacement_x", "displacement_y"):
+                if (value := getattr(walls[name], key)) is not None:
+                    yield Problem(f"walls.{name}.{key}", text, short(value))
     for name in known if own else ():
         if name not in walls:
             yield Problem(f"walls.{name}", "missing; geometry.moving names a wall that moves")
     for boundary in outline:
         wall = (boundary.moving or "") if own else boundary.name
         if wall in walls and wall in known:
-            yield from _through(wall, walls[wall], boundary, geometry)
+            moves = walls[wall].displaced
+            yield from (_displacement_problems(wall, walls[wall], boundary, geometry, end) if moves else [])
+            yield from (() if moves else _through(wall, walls[wall], boundary, geometry))
+
+
+def _displacement_problems(
+    name: str, wall: Wall, boundary: Boundary, geometry: GeometryBase, end: float | None
+) -> Iterator[Problem]:
+    for key in ("velocity_x", "velocity_y", "rotation", "waveform"):
+        if getattr(wall, key):
+            text = "not accepted beside a displacement, whose rate is the velocity"
+            yield Problem(f"walls.{name}.{key}", text, short(getattr(wall, key)))
+    points = points_of(boundary, geometry)
+    if points is None:
+        yield Problem(f"walls.{name}", f'the wall "{name}" of this geometry can have no displacement')
+        return
+    values, rates = wall.movement(points, end or 0.0)
+    for axis, (key, formula) in enumerate(zip(("displacement_x", "displacement_y"), wall.displacement, strict=True)):
+        first = np.abs(values[axis, 0]).max()
+        if not (np.isfinite(values[axis]).all() and np.isfinite(rates[axis]).all()):
+            text = "it or its rate is not defined everywhere from t = 0 to time.end"
+            yield Problem(f"walls.{name}.{key}", text, short(formula.text))
+        elif first > _REST * np.ptp(points, axis=0).max():
+            yield Problem(f"walls.{name}.{key}", f"it is not 0 at t = 0 but {first:.3g} m", short(formula.text))
+
+
+def points_of(boundary: Boundary, geometry: GeometryBase) -> Floats | None:
+    """Return points (n, 2) m of a wall that can have a displacement; None of one that cannot."""
+    if isinstance(geometry, MeshGeometry):
+        return geometry.ends_of(boundary.label).reshape(-1, 2)
+    if boundary.circle is None:
+        return None
+    angle = np.linspace(0.0, math.tau, 33)
+    return np.array(boundary.circle[:2]) + boundary.circle[2] * np.column_stack([np.cos(angle), np.sin(angle)])
 
 
 def _able(outline: list[Boundary], geometry: GeometryBase) -> list[str]:

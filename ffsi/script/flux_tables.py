@@ -39,7 +39,7 @@ STRESS = ("PXX", "PXY", "PYX", "PYY")
 def components(scene: Scene) -> tuple[str, ...]:
     """Return the unknown fields: u of solids and moving meshes, v of the fluid and of what is unsteady, p."""
     fields: list[str] = []
-    if scene.solid:
+    if scene.solid or scene.mesh_moves:
         fields += ["ux", "uy"]
     if scene.fluid or scene.time:
         fields += ["vx", "vy"]
@@ -54,12 +54,12 @@ def momentum(scene: Scene) -> tuple[str, str]:
 
 
 def kinematic(scene: Scene) -> bool:
-    """Return whether u and v of the solids are tied by an equation."""
-    return bool(scene.solid) and (scene.fluid is not None or scene.time is not None)
+    """Return whether u moves in time or with v of solids."""
+    return scene.mesh_moves or bool(scene.solid and scene.time)
 
 
 def _fluid_arguments(scene: Scene) -> tuple[tuple[str, str, int], ...]:
-    return (*FLUID_ARGUMENTS, *MOVING_ARGUMENTS) if scene.time and scene.solid else FLUID_ARGUMENTS
+    return (*FLUID_ARGUMENTS, *MOVING_ARGUMENTS) if scene.time and scene.mesh_moves else FLUID_ARGUMENTS
 
 
 def arguments(scene: Scene) -> list[dict[str, Any]]:

@@ -187,7 +187,7 @@ def _environment() -> Environment:
 
 
 def _context(scene: Scene, mumps: bool) -> dict[str, Any]:
-    fluid, fsi = scene.fluid is not None, scene.physics == "fsi"
+    fluid, fsi = scene.fluid is not None, scene.mesh_moves
     numbers = parameters(scene)
     components = flux_tables.components(scene)
     outline = boundaries(scene)
@@ -201,7 +201,7 @@ def _context(scene: Scene, mumps: bool) -> dict[str, Any]:
     varying = any(OF_CONSISTENCY in number.declarations for number in numbers)
     mumps = mumps and scene.solver.linear_solver == "mumps"
     labels = {
-        "fixedDisplacement": _labels(outline, "inlet", "outlet", "no-slip", "clamped") if scene.solid else [],
+        "fixedDisplacement": _labels(outline, "inlet", "outlet", "no-slip", "clamped") if scene.solid or fsi else [],
         "fixedVelocity": _labels(outline, "inlet", "no-slip", "clamped"),
         "restingLabels": [b.label for b in outline if b.role in ("no-slip", "clamped") and not b.moving],
         "movingLabels": [b.label for b in outline if b.moving],
@@ -302,13 +302,14 @@ def _structure(scene: Scene, *, parts: bool, varying: bool) -> list[str]:
     outlets = [outlet] if outlet else list(scene.outlets.values())
     pressed_inlets = any(inlet.pressure is not None for inlet in scene.inlet.values())
     pressed = outlet is not None and outlet.has_pressure and not pressed_inlets
-    coupled, motion = scene.physics == "fsi", scene.mesh_motion
+    coupled, motion = scene.mesh_moves, scene.mesh_motion
     bends = any(b.circle and b.role == "no-slip" for b in boundaries(scene))
     found = {
         "inTime": time,
         "hasFluid": fluid,
         "hasSolid": solid,
         "isCoupled": coupled,
+        "hasDisplacement": coupled and not solid,
         "hasVelocity": fluid or time,
         "hasPressure": "p" in flux_tables.components(scene),
         "hasKinematics": flux_tables.kinematic(scene),
@@ -323,6 +324,7 @@ def _structure(scene: Scene, *, parts: bool, varying: bool) -> list[str]:
         "hasBends": bends,
         "hasSlip": any(b.role == "slip" for b in boundaries(scene)),
         "hasMovingWalls": scene.walls,
+        "hasDisplacedWalls": any(wall.displaced for wall in scene.walls.values()),
         "hasLoads": scene.loads,
         "hasGivenBends": bends and not coupled,
         "hasParts": parts,
@@ -333,8 +335,8 @@ def _structure(scene: Scene, *, parts: bool, varying: bool) -> list[str]:
         "hasDoNothing": pressed_inlets or any(each.kind != "zero-traction" for each in outlets),
         "hasOutletPressure": pressed,
         # Between rigid walls a constant pressure does no work: the flow is solved without it, what is written has it.
-        "hasPressureLevel": pressed and not solid,
-        "hasOutletLoad": pressed and solid,
+        "hasPressureLevel": pressed and not solid and not coupled,
+        "hasOutletLoad": pressed and (solid or coupled),
         "hasResistance": outlet and pressed and outlet.kind != "pressure",
         "hasReservoir": outlet and pressed and outlet.law.stores and time,
         "hasHydrostatic": any(each.hydrostatic for each in outlets),

@@ -1,4 +1,4 @@
-"""Walls that move along themselves, and loads on solids, for the templates: arrays with a value for each label."""
+"""Walls that move, and loads on solids, for the templates: arrays with a value for each label."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from ffsi.scene import Boundary, Scene
+from ffsi.scene.walls import points_of
 
 _WALL = ("velocity_x", "velocity_y", "rotation", "centre_x", "centre_y")
 _LOAD = ("traction_x", "traction_y", "pressure")
@@ -15,7 +16,7 @@ def moving_walls(scene: Scene, outline: list[Boundary]) -> dict[str, Any]:
     """Return the macros of the moving walls by name, and their speed as a formula; nothing without any."""
     names = [side.moving for side in outline if side.moving]
     if not names:
-        return {"moving": {}}
+        return {"moving": {}, "displaced": []}
     values = {f"wall{camel(key)}": variables("walls", names, key) for key in _WALL}
     for key in _WALL:
         numbers = [float(getattr(scene.walls[name], key)) for name in names]
@@ -28,9 +29,26 @@ def moving_walls(scene: Scene, outline: list[Boundary]) -> dict[str, Any]:
     if scene.time:
         waves = [scene.walls[name].expression for name in names]
         values["wallFactors"] = [f"Ramp(at)*({wave.to_freefem()})" if wave else "InflowFactor(at)" for wave in waves]
+    walls = [scene.walls[name] for name in names]
+    place = {"x": "px", "y": "py"}
+    displaced = [
+        (j, [each.to_freefem(place) for each in (*d, *(axis.derivative("t") for axis in d))])
+        for j, d in enumerate(wall.displacement for wall in walls)
+        if walls[j].displaced
+    ]
     speeds = [f"abs({x})" for key in ("VelocityX", "VelocityY") for x in values[f"wall{key}"]]
     speeds += [f"abs({x})*unitLength" for x in values["wallRotation"]]
-    return {"moving": arrays(values), "speed_of_walls": " + ".join(speeds)}
+    for side in outline:
+        wall = scene.walls.get(side.moving or "")
+        if wall and wall.displaced and scene.time and (points := points_of(side, scene.geometry)) is not None:
+            rates = wall.movement(points, scene.time.end)[1]
+            speeds.append(repr(float(abs(rates).max())))
+    return {
+        "moving": arrays(values),
+        "speed_of_walls": " + ".join(speeds),
+        "displaced": displaced,
+        "wall_displaced": [wall.displaced for wall in walls],
+    }
 
 
 def is_fixed(key: str, value: float) -> bool:
