@@ -120,13 +120,13 @@ def energy_balance(history: pd.DataFrame) -> dict[str, float]:
     """Return where the energy went, J per metre depth; empty without the columns.
 
     Kinetic is that of the last state; elastic, dissipated and work are sums over all steps, what was there at the start
-    counts as work (docs/formats.md). `imbalance` is (kinetic + elastic + dissipated - work) / largest |work|,
-    dimensionless: the error of the steps in time, and of a flow's mesh.
+    counts as work (docs/formats.md). `imbalance` is (kinetic + elastic + dissipated - work) / largest |work|, or
+    |elastic| where a solid starts bent, dimensionless: the error of the steps in time, and of a flow's mesh.
     """
     if history.empty or not set(oscillation.ENERGIES) <= set(history):
         return {}
     last = {name: float(history[name].iloc[-1]) for name in oscillation.ENERGIES}
-    scale = float(history["work"].abs().max(skipna=False))
+    scale = float(history[["work", "elastic"]].abs().to_numpy().max())
     left = last["kinetic"] + last["elastic"] + last["dissipated"] - last["work"]
     return {**last, "imbalance": left / scale if scale != 0 else 0.0}
 

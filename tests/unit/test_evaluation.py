@@ -1,6 +1,7 @@
 """What cannot be evaluated is noted, and takes neither the result nor other evaluations with it."""
 
 import json
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -130,6 +131,9 @@ def test_energy_has_the_parts_of_the_last_state_and_what_is_left():
     found = energy_balance(energies(4.0))
     assert found == {"kinetic": 2.0, "elastic": 1.0, "dissipated": 0.5, "work": 4.0, "imbalance": pytest.approx(-0.125)}
     assert energy_balance(energies(3.5))["imbalance"] == 0.0
+    released = energies(0.0).assign(elastic=[-1.0, -2.6])  # a solid that was bent at the start: nothing is done
+    assert energy_balance(released)["imbalance"] == pytest.approx(-0.1 / 2.6)
+    assert math.isnan(energy_balance(energies(math.nan))["imbalance"])
     assert (
         energy_balance(energies(4.0).drop(columns="work")) == {} and energy_balance(energies(4.0).iloc[:0]) == {}
     )  # fmt: skip
