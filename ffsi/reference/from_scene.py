@@ -90,7 +90,11 @@ def problem_from_scene(scene: Scene) -> Problem:
         ),
         solids={
             region: Solid(
-                solid.density, material_of(solid, f"solid.{name}"), getattr(solid, "formulation", "displacement")
+                solid.density,
+                material_of(solid, f"solid.{name}"),
+                getattr(solid, "formulation", "displacement"),
+                solid.viscosity or 0.0,
+                solid.mass_damping or 0.0,
             )
             for region, (name, solid) in enumerate(scene.solid.items(), start=FLUID_REGION + 1)
         },

@@ -133,6 +133,10 @@ def stress_work(system: System, state: RawState, fluid_size: Floats, size: Float
     for solid in system.solids.values():
         nodes = solid.elements.nodes
         local = solid_momentum(system, solid, state.u[nodes], state.v[nodes], solid_pressure(solid, state))
+        if (rate := solid.law.mass_damping) != 0.0:
+            mean = solid.elements.basis @ step.mean(state.v, old.v)[nodes]
+            power = rate * solid.law.density * (mean**2).sum(axis=-1) * solid.elements.weights
+            dissipated += step.k * float(power.sum())
         elastic += sum(float((local[name] * moved[nodes]).sum()) for name in local.keys() - {"gravity", "inertia"})
     if (fluid := system.fluid) is not None:
         nodes = fluid.elements.nodes

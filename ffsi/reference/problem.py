@@ -29,6 +29,8 @@ class Fluid:
 class Solid:
     """An elastic solid: reference ``density`` kg/m3, its material and the formulation.
 
+    In time its stress S has ``viscosity`` (Pa s) times dE/dt, and ``mass_damping`` (1/s) times its momentum slows it.
+
     ``mixed`` and ``incompressible`` solids have a pressure of their own as unknown. Raises ``ValueError`` for an
     unknown formulation and for a material that cannot have it.
     """
@@ -36,6 +38,8 @@ class Solid:
     density: float
     material: Material
     formulation: Formulation = "displacement"
+    viscosity: float = 0.0
+    mass_damping: float = 0.0
 
     def __post_init__(self) -> None:
         """Refuse a formulation that the material cannot have."""

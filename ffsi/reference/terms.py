@@ -213,8 +213,11 @@ def solid_step(
     fluxes = {name: step_stress(step, gradients, (ends[0][name], ends[1][name])) for name in ends[0]}
     if multiplier:
         fluxes["pressure"] = step.mean(ends[0]["pressure"], ends[1]["pressure"])
+    if solid.viscosity:
+        doubled = [h + np.swapaxes(h, -1, -2) @ (IDENTITY + h) for h in gradients]  # 2 E
+        fluxes["viscous"] = (IDENTITY + step.mean(*gradients)) @ (0.5 * solid.viscosity * step.rate(*doubled))
     weight = np.broadcast_to(-solid.density * np.array(gravity), (len(elements), 7, 2))
-    acceleration = elements.basis @ step.rate(new.v, old.v)
+    acceleration = elements.basis @ (step.rate(new.v, old.v) + solid.mass_damping * step.mean(new.v, old.v))
     return {name: against_gradient(flux, elements) for name, flux in fluxes.items()} | {
         "gravity": against_value(weight, elements),
         "inertia": against_value(solid.density * acceleration, elements),

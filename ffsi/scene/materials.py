@@ -10,7 +10,7 @@ from pydantic import ConfigDict, Field, ValidationInfo, field_validator, model_v
 from ffsi.scene.base import Table, refuse
 from ffsi.scene.errors import Problem, number_text, short
 from ffsi.scene.json_schema import absent, equals, every, given, one_of, when
-from ffsi.scene.units import Density, Modulus, NonNegativeModulus, Quantity, Stress
+from ffsi.scene.units import Density, Modulus, NonNegativeModulus, Quantity, ShearRate, Stress, Viscosity
 
 ELASTIC_PAIRS: tuple[tuple[str, str], ...] = (
     ("lame_lambda", "lame_mu"),
@@ -36,6 +36,12 @@ class Elastic(Table, ABC):
     """Names of the constants that an incompressible solid does not have."""
 
     density: Density = Field(description="density in the reference configuration, kg/m^3")
+    viscosity: Viscosity | None = Field(
+        None, description="Kelvin-Voigt viscosity eta of the further stress S = eta dE/dt, Pa s; needs a table time"
+    )
+    mass_damping: ShearRate | None = Field(
+        None, description="factor a of Rayleigh's damping force -a rho v per volume, 1/s; needs a table time"
+    )
 
     @property
     def mixed(self) -> bool:

@@ -275,6 +275,11 @@ class Scene(Table):
             yield from self.geometry.steady_problems()
             if self.start is not None:
                 yield Problem("start", "only accepted in a scene with a table time (time.step and time.end)")
+            for name, solid in self.solid.items():
+                for key in ("viscosity", "mass_damping"):
+                    if getattr(solid, key) is not None:
+                        text = "only accepted in a scene with a table time (time.step and time.end)"
+                        yield Problem(f"solid.{name}.{key}", text, short(getattr(solid, key)))
             return
         mixed = sum(solid.mixed for solid in self.solid.values())
         stores = self.only_outlet is not None and self.only_outlet.law.stores

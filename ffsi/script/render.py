@@ -313,6 +313,8 @@ def _structure(scene: Scene, *, parts: bool, varying: bool) -> list[str]:
         "hasVelocity": fluid or time,
         "hasPressure": "p" in flux_tables.components(scene),
         "hasKinematics": flux_tables.kinematic(scene),
+        "hasSolidViscosity": any(law.viscosity for law in scene.solid.values()),
+        "hasMassDamping": any(law.mass_damping for law in scene.solid.values()),
         "hasMixedSolid": any(law.mixed for law in scene.solid.values()),
         "hasMotionFlux": motion and not motion.law.linear,
         "hasLinearMotion": motion and motion.law.linear,
@@ -456,6 +458,8 @@ def _solid(name: str, law: Solid, region: int) -> dict[str, Any]:
         "law": title,
         "limit": f"{title[0].lower()}{title[1:]}LimitJ",
         "density": f"{prefix}Density",
+        "viscosity": f"{prefix}Viscosity" if law.viscosity else "0.",
+        "mass_damping": f"{prefix}MassDamping" if law.mass_damping else "0.",
         "constants": list(constants.values()),
         "flux_constants": ["0." if key in without else value for key, value in constants.items()],
     }
@@ -474,7 +478,7 @@ def _constants(prefix: str, law: Elastic) -> dict[str, str]:
         if isinstance(law, InPlane) and law.plane == "stress":
             lame_lambda = f"2*({lame_lambda})*({mu})/({lame_lambda}+2*({mu}))"
         return {"lame_lambda": lame_lambda, "lame_mu": mu}
-    keys = [key for key in type(law).model_fields if key not in ("density", "material", "formulation")]
+    keys = [key for key in type(law).model_fields if key not in {*Elastic.model_fields, "material", "formulation"}]
     return {
         key: "0." if getattr(law, key) is None else prefix + "".join(word.capitalize() for word in key.split("_"))
         for key in keys
