@@ -19,7 +19,9 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from ffsi.cli import show
+from ffsi.files import folder
 from ffsi.files.errors import InputError
+from ffsi.freefem import find_freefem
 from ffsi.report.curves import LINES, MARKERS
 from ffsi.result.pictures import INK, to_png
 from ffsi.result.quantities import WORDS
@@ -28,6 +30,7 @@ from studies.tables import Column, TextTable, columns, dress, logarithmic, markd
 from studies.verification.sources import ReferenceSet, compared
 
 PEER_PYTHON = Path(".venv-peers/bin/python")  # made by `make bench-peers`
+SCRIPTS = Path(__file__).parents[2] / "edp"
 PEER_SCRIPT = Path(__file__).with_name("ngsolve_fsi1.py")
 Values = Mapping[str, Any]
 Task = Callable[[], tuple[float, Values]]  # returns seconds of processor time, and a `result.json` or what it has of it
@@ -50,6 +53,16 @@ SAMPLES = (
 )
 FSI1 = SAMPLES[2]
 SIZES = ((3, 0.2, 3), (4, 0.25, 2), (4, 0.2, 4), (5, 0.15, 4), (6, 0.1, 6))  # order, size in m, layers at corners
+CHANNEL = ("mesh.far_size=0.045",)  # of the flow upstream and beside the beam most of the error in u_x and lift comes
+OWN: Mapping[str, tuple[str, ...]] = {
+    "level 1": ("mesh.level=1",),
+    "level 1, finer channel": ("mesh.level=1", *CHANNEL, "mesh.body_size=0.018"),
+    "level 2": ("mesh.level=2",),
+    "level 2, finer channel": ("mesh.level=2", *CHANNEL),
+    "level 4": ("mesh.level=4",),
+}
+"""The settings of this program's meshes beside NGSolve."""
+PROGRAMS = ("ffsi run", "ffsi script", "NGSolve")
 TOLERANCES = (0.005, 0.001, 0.0002)
 TEXT = (
     "Seconds: processor time of the whole process with all that it starts, one thread, median of the runs, which "
@@ -60,12 +73,24 @@ LEVELS_TEXT = (
     "Against the own finest level errors come out too small by what that level itself is off."
 )
 PEERS_TEXT = (
-    "NGSolve by [a script of our own](../studies/bench/ngsolve_fsi1.py): u and v of order P, p one below, triangles of "
-    "at most h, so many geometric layers around the beam's corners, curved cylinder, static condensation, UMFPACK, one "
-    "Newton method from rest. Its unknowns are the free ones, ours all, fixed and trivial ones included. Sizes of "
+    "`ffsi run` checks and draws, `ffsi script` is `FreeFem++` with the same case: like NGSolve's it solves and writes. "
+    "NGSolve by [a script of our own](../studies/bench/ngsolve_fsi1.py): u and v of order P, p one below, triangles "
+    "of at most h, so many geometric layers around the beam's corners, curved cylinder, static condensation, UMFPACK, "
+    "one Newton method from rest. Its unknowns are the free ones, ours all, fixed and trivial ones included. Sizes of "
     "either program were chosen knowing the reference; a coarse one may be near it by luck. u_x against 2.2681e-5, the "
     "rest against the hp values ([sources](../studies/data/README.md))."
 )
+
+
+def measured(
+    command: Sequence[str | Path], environment: Mapping[str, str]
+) -> tuple[float, subprocess.CompletedProcess[str]]:
+    """Run a command with one thread; return seconds of processor time, its children's included, and how it ended."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    threads = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+    done = subprocess.run(command, env={**environment, **threads}, capture_output=True, text=True, check=False)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime, done
 
 
 def processor_time(command: Sequence[str | Path]) -> tuple[float, Values]:
@@ -73,22 +98,32 @@ def processor_time(command: Sequence[str | Path]) -> tuple[float, Values]:
 
     What printed nothing has the failure `crash`, with the last line of its complaint as the reason.
     """
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    threads = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-    done = subprocess.run(command, env=os.environ | threads, capture_output=True, text=True, check=False)
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    seconds = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    seconds, done = measured(command, os.environ)
     if not done.stdout.strip():
         reason = (done.stderr.strip().splitlines() or [f"exit code {done.returncode}"])[-1]
         return seconds, {"failure": "crash", "reason": reason}
     return seconds, json.loads(done.stdout)
 
 
-def own(case: str, level: int) -> tuple[float, Values]:
+def own(case: str, settings: Iterable[str]) -> tuple[float, Values]:
     """Run a case of the catalogue by the command line, in a temporary folder."""
     with tempfile.TemporaryDirectory(prefix="ffsi-bench-") as out:
-        command = [sys.executable, "-m", "ffsi", "run", case, "--set", f"mesh.level={level}", "--json", "--out", out]
-        return processor_time(command)
+        flags = [part for setting in settings for part in ("--set", setting)]
+        return processor_time([sys.executable, "-m", "ffsi", "run", case, *flags, "--json", "--out", out])
+
+
+def script(case: str, settings: Iterable[str]) -> tuple[float, Values]:
+    """Run the script of a case without Python, in a temporary folder: it solves and writes, as the peer's does."""
+    used = find_freefem()
+    with tempfile.TemporaryDirectory(prefix="ffsi-bench-") as out:
+        pairs = [setting.split("=") for setting in settings]
+        flags = [part for key, value in pairs for part in (f"-{key.replace('.', '_')}", value)]
+        start: list[str | Path] = [used.binary, "-nw", "-ns", "-v", "0", SCRIPTS / f"{case}.edp"]
+        seconds, done = measured([*start, *flags, "-out", out], used.environment())
+        path = Path(out) / folder.numbered(folder.POINT, 1)
+        if done.returncode or not path.is_file():
+            return seconds, {"failure": "crash", "reason": f"exit code {done.returncode}"}
+        return seconds, folder.read_json(path)
 
 
 def peer(order: int, size: float, layers: int) -> tuple[float, Values]:
@@ -167,7 +202,7 @@ def draw(panels: Mapping[str, Sequence[Curve]]) -> Figure:
 def main_levels(*, repeat: int = 1, out: Place = None, readme: Place = None) -> list[str]:
     """Run every sample on its levels, and print errors over processor time and unknowns."""
     study = Study(repeated("bench --work-precision", repeat), out, readme, ["work-precision"])
-    tasks = {(x.case, level): partial(own, x.case, level) for x in SAMPLES for level in x.levels}
+    tasks = {(x.case, level): partial(own, x.case, [f"mesh.level={level}"]) for x in SAMPLES for level in x.levels}
     found = alternating(tasks, repeat)
     parts: list[str | TextTable] = [LEVELS_TEXT]
     rows: list[dict[str, Any]] = []
@@ -188,15 +223,21 @@ def main_peers(*, repeat: int = 1, out: Place = None, readme: Place = None) -> l
     if not PEER_PYTHON.is_file():
         raise InputError(f"there is no {PEER_PYTHON}; `make bench-peers` makes that environment, and measures")
     study = Study(repeated("bench --peers", repeat), out, readme, ["peers"])
-    tasks: dict[tuple[str, Any], Task] = {("ffsi", f"level {x}"): partial(own, FSI1.case, x) for x in FSI1.levels}
-    tasks |= {("NGSolve", f"P{p}, h {h:g} m, {layers} layers"): partial(peer, p, h, layers) for p, h, layers in SIZES}
+    tasks: dict[tuple[str, Any], Task] = {
+        (name, mesh): partial(do, FSI1.case, settings)
+        for name, do in zip(PROGRAMS, (own, script), strict=False)
+        for mesh, settings in OWN.items()
+    }
+    tasks |= {
+        (PROGRAMS[-1], f"P{p}, h {h:g} m, {layers} layers"): partial(peer, p, h, layers) for p, h, layers in SIZES
+    }
     found, source = alternating(tasks, repeat), reference(FSI1, {})
     rows = [row(item, source, FSI1.quantities, program=key[0], mesh=key[1]) for key, item in found.items()]
     sizes = table(rows, [*columns("program | mesh"), *error_columns(FSI1.quantities)], left=2, title=FSI1.case)
     best = table(within(rows), WITHIN, left=3, title="The least processor time with all four quantities within")
     sizes.print()
     best.print()
-    curves = [(name, [line for line in rows if line["program"] == name], "error") for name in ("ffsi", "NGSolve")]
+    curves = [(name, [line for line in rows if line["program"] == name], "error") for name in PROGRAMS]
     panels = {f"{FSI1.case}, the largest of four errors": curves}
     return _finish(study, "peers", [PEERS_TEXT, sizes, f"{best.title}:", best], rows, panels, found.values())
 
@@ -207,7 +248,7 @@ def within(rows: Sequence[Values]) -> list[dict[str, Any]]:
     for tolerance in TOLERANCES:
         good = sorted((line for line in rows if line["error"] <= tolerance), key=lambda line: -float(line["seconds"]))
         best = {line["program"]: line for line in good}  # the cheapest comes last
-        peers = best.get("NGSolve", {}).get("seconds", math.nan)
+        peers = best.get(PROGRAMS[-1], {}).get("seconds", math.nan)
         made += [{**x, "tolerance": f"{100 * tolerance:g} %", "ratio": x["seconds"] / peers} for x in best.values()]
     return made
 

@@ -12,7 +12,7 @@ from ffsi.files.errors import InputError
 from studies.bench import speed
 from studies.bench.speed import SAMPLES, Sample, alternating, processor_time, reference, row, within
 
-PROGRAMS = ("ffsi", "NGSolve")
+PROGRAMS = ("ffsi run", "NGSolve")
 BURN = "import time; t = time.process_time()\nwhile time.process_time() - t < {}: pass\n"
 NESTED = "import subprocess, sys; subprocess.run([sys.executable, '-c', {!r}]); print('{{\"unknowns\": 7}}')"
 
@@ -48,17 +48,23 @@ def test_errors_and_the_cheapest_within_each_tolerance():
         return {"program": program, "mesh": "", "unknowns": 1, "seconds": seconds, "error": error}
 
     nan = float("nan")
-    rows = [line("ffsi", 1.0, 0.02), line("ffsi", 3.0, 0.004), line("ffsi", 6.0, 0.0009), line("ffsi", 0.1, nan)]
+    rows = [
+        line("ffsi run", 1.0, 0.02),
+        line("ffsi run", 3.0, 0.004),
+        line("ffsi run", 6.0, 0.0009),
+        line("ffsi run", 0.1, nan),
+    ]
     rows += [line("NGSolve", 9.0, 0.0001), line("NGSolve", 2.0, 0.0008)]
     found = {(x["tolerance"], x["program"]): (x["seconds"], x["ratio"]) for x in within(rows)}
     assert found == {
-        ("0.5 %", "ffsi"): (3, 1.5), ("0.5 %", "NGSolve"): (2, 1), ("0.1 %", "ffsi"): (6, 3),
+        ("0.5 %", "ffsi run"): (3, 1.5), ("0.5 %", "NGSolve"): (2, 1), ("0.1 %", "ffsi run"): (6, 3),
         ("0.1 %", "NGSolve"): (2, 1), ("0.02 %", "NGSolve"): (9, 1),
     }  # fmt: skip
 
 
-def solved(case, level):
+def solved(case, settings):
     """A run whose errors halve from level to level."""
+    level = settings if isinstance(settings, int) else int(settings[0][-1])
     names = next(sample.quantities for sample in SAMPLES if sample.case == case)
     values = {name: 1 + 0.1 / 2**level for name in names}
     return 1.0 + level, {"unknowns": 1000 * 2**level, "failure": "", "quantities": values}
@@ -69,11 +75,12 @@ def test_tables_and_pictures_are_written(block, main, tmp_path, monkeypatch):
     page = tmp_path / "speed.md"
     page.write_text(f"<!-- {block}:begin -->\n<!-- {block}:end -->\n")
     monkeypatch.setattr(speed, "own", solved)
+    monkeypatch.setattr(speed, "script", solved)
     monkeypatch.setattr(speed, "peer", lambda order, size, layers: solved("turek-fsi1", order))
     monkeypatch.setattr(speed, "PEER_PYTHON", page)
     assert set(main(out=tmp_path, readme=page)) == {""}
     frame = pd.read_csv(tmp_path / f"{block}.csv")
-    assert len(frame) == (24 if block == "work-precision" else 10)
+    assert len(frame) == (24 if block == "work-precision" else 15)
     assert (tmp_path / f"{block}.png").read_bytes().startswith(b"\x89PNG")
     text = page.read_text()
     assert f"Written by `python -m studies bench --{block}`" in text
@@ -92,7 +99,8 @@ def test_the_readme_tells_what_was_measured_beside_the_peer(tolerance):
     best = within(pd.read_csv(root / "results/peers.csv").to_dict("records"))
     own, other = (next(x for x in best if (x["tolerance"], x["program"]) == (tolerance, name)) for name in PROGRAMS)
     lines = (root / "README.md").read_text(encoding="utf-8").splitlines()
-    (line,) = [line for line in lines if f"turek-fsi1 --set mesh.level={own['mesh'].removeprefix('level ')}`" in line]
+    command = " ".join(f"--set {setting}" for setting in speed.OWN[own["mesh"]])
+    (line,) = [line for line in lines if f"ffsi run turek-fsi1 {command}`" in line]
     assert f"within {tolerance}" in line
     for item in (own, other):
         assert f"{item['seconds']:.1f} s" in line and f"{item['unknowns']:,} unknowns".replace(",", " ") in line
