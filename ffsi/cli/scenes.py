@@ -213,7 +213,7 @@ def new(
     material: Annotated[str | None, _option("material", "Material of the solids.", "LAW")] = None,
     velocity: Annotated[str | None, _option("velocity", 'Mean velocity at the inlet, such as "20 cm/s".')] = None,
     end: Annotated[str | None, _option("end", 'In time, and until when, such as "10 s".', "steady|TIME")] = None,
-    level: Annotated[str | None, _option("level", "Refinement of the mesh, 0 to 4.")] = None,
+    level: Annotated[str | None, _option("level", "Refinement of the mesh, 0 to 6.")] = None,
     mesh: Annotated[str | None, _option("mesh", "The mesh file, for --geometry mesh.", "FILE")] = None,
     unit: Annotated[str | None, _option("unit", "Its unit of length.")] = None,
     inlet: Annotated[str | None, _option("inlet", "Its inlet; none without a fluid.", "NAME")] = None,

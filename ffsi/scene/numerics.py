@@ -37,7 +37,7 @@ class Mesh(Table):
 
     follows: ClassVar[tuple[str, ...]] = SIZES
 
-    level: Annotated[int, Count(0, 4)] = Field(2, description="refinement level 0 to 4 (dimensionless)")
+    level: Annotated[int, Count(0, 6)] = Field(2, description="refinement level 0 to 6 (dimensionless)")
     size_factor: PositiveNumber = Field(1.0, description="factor on every element size, dimensionless")
     growth: PositiveNumber | None = Field(
         None, description="largest increase of the element size per unit length, dimensionless"

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 import os
-import resource
 import subprocess
 import sys
 import tempfile
@@ -47,7 +46,7 @@ class Sample(NamedTuple):
 SAMPLES = (
     Sample("turek-cfd1", ("drag", "lift"), range(4)),
     Sample("turek-csm1", ("tip_ux", "tip_uy")),
-    Sample("turek-fsi1", ("tip_ux", "tip_uy", "drag", "lift")),
+    Sample("turek-fsi1", ("tip_ux", "tip_uy", "drag", "lift"), range(7)),
     Sample("flap-svk", ("tip_ux", "tip_uy", "drag", "lift")),
     Sample("aneurysm", ("pressure_drop", "wss_mean_dome", "dome_displacement_max")),
 )
@@ -73,7 +72,7 @@ LEVELS_TEXT = (
     "Against the own finest level errors come out too small by what that level itself is off."
 )
 PEERS_TEXT = (
-    "`ffsi run` checks and draws, `ffsi script` is `FreeFem++` with the same case: like NGSolve's it solves and writes. "
+    "`ffsi run` checks and draws, `ffsi script` is `FreeFem++` with the same case: as NGSolve's it solves and writes. "
     "NGSolve by [a script of our own](../studies/bench/ngsolve_fsi1.py): u and v of order P, p one below, triangles "
     "of at most h, so many geometric layers around the beam's corners, curved cylinder, static condensation, UMFPACK, "
     "one Newton method from rest. Its unknowns are the free ones, ours all, fixed and trivial ones included. Sizes of "
@@ -82,27 +81,37 @@ PEERS_TEXT = (
 )
 
 
-def measured(
-    command: Sequence[str | Path], environment: Mapping[str, str]
-) -> tuple[float, subprocess.CompletedProcess[str]]:
-    """Run a command with one thread; return seconds of processor time, its children's included, and how it ended."""
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+class Measured(NamedTuple):
+    """What a process with all that it started took, with one thread: processor time in s, most memory of one in MB."""
+
+    seconds: float
+    memory: float
+    code: int
+    output: str
+    complaint: str
+
+
+def measured(command: Sequence[str | Path], environment: Mapping[str, str] = os.environ) -> Measured:
+    """Run a command."""
     threads = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-    done = subprocess.run(command, env={**environment, **threads}, capture_output=True, text=True, check=False)
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime, done
+    with tempfile.TemporaryFile("w+") as output, tempfile.TemporaryFile("w+") as complaint:
+        process = subprocess.Popen(command, env={**environment, **threads}, stdout=output, stderr=complaint)
+        _, status, usage = os.wait4(process.pid, 0)
+        process.returncode = os.waitstatus_to_exitcode(status)
+        texts = [(file.seek(0), file.read())[1] for file in (output, complaint)]
+    return Measured(usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1e3, process.returncode, *texts)
 
 
 def processor_time(command: Sequence[str | Path]) -> tuple[float, Values]:
-    """Run a command that prints JSON; return seconds of processor time, its children's included, and what it printed.
+    """Run a command that prints JSON; return seconds of processor time, and what it printed with its `memory`.
 
     What printed nothing has the failure `crash`, with the last line of its complaint as the reason.
     """
-    seconds, done = measured(command, os.environ)
-    if not done.stdout.strip():
-        reason = (done.stderr.strip().splitlines() or [f"exit code {done.returncode}"])[-1]
-        return seconds, {"failure": "crash", "reason": reason}
-    return seconds, json.loads(done.stdout)
+    done = measured(command)
+    if not done.output.strip():
+        reason = (done.complaint.strip().splitlines() or [f"exit code {done.code}"])[-1]
+        return done.seconds, {"failure": "crash", "reason": reason}
+    return done.seconds, {**json.loads(done.output), "memory": done.memory}
 
 
 def own(case: str, settings: Iterable[str]) -> tuple[float, Values]:
@@ -119,17 +128,17 @@ def script(case: str, settings: Iterable[str]) -> tuple[float, Values]:
         pairs = [setting.split("=") for setting in settings]
         flags = [part for key, value in pairs for part in (f"-{key.replace('.', '_')}", value)]
         start: list[str | Path] = [used.binary, "-nw", "-ns", "-v", "0", SCRIPTS / f"{case}.edp"]
-        seconds, done = measured([*start, *flags, "-out", out], used.environment())
+        done = measured([*start, *flags, "-out", out], used.environment())
         path = Path(out) / folder.numbered(folder.POINT, 1)
-        if done.returncode or not path.is_file():
-            return seconds, {"failure": "crash", "reason": f"exit code {done.returncode}"}
-        return seconds, folder.read_json(path)
+        if done.code or not path.is_file():
+            return done.seconds, {"failure": "crash", "reason": f"exit code {done.code}"}
+        return done.seconds, {**folder.read_json(path), "memory": done.memory}
 
 
 def peer(order: int, size: float, layers: int) -> tuple[float, Values]:
     """Run FSI1 by NGSolve."""
     seconds, found = processor_time([PEER_PYTHON, PEER_SCRIPT, str(order), str(size), str(layers)])
-    return seconds, found if "failure" in found else {"unknowns": found["unknowns"], "quantities": found}
+    return seconds, found if "failure" in found else {**found, "quantities": found}
 
 
 def alternating(tasks: Mapping[tuple[str, Any], Task], repeat: int) -> dict[tuple[str, Any], dict[str, Any]]:
@@ -155,9 +164,8 @@ def reference(sample: Sample, finest: Values) -> ReferenceSet:
 
 def row(found: Values, source: ReferenceSet, quantities: Sequence[str], **labels: Any) -> dict[str, Any]:
     """Return a line of the tables: of each quantity value and relative error `error_NAME`, the largest one `error`."""
-    line = {
-        **labels, **{name: found.get(name) for name in ("unknowns", "seconds")}, "failure": found.get("failure", ""),
-    }  # fmt: skip
+    sizes = {name: found.get(name) for name in ("unknowns", "seconds", "memory")}
+    line = {**labels, **sizes, "failure": found.get("failure", "")}
     values = {} if line["failure"] else {name: found["quantities"][name] for name in quantities}
     errors = {f"error_{name}": source.error(name, value) for name, value in values.items()}
     return {**line, **values, **errors, "error": max(map(abs, errors.values()), default=math.nan)}
@@ -171,7 +179,7 @@ def word(quantity: str) -> str:
 def error_columns(quantities: Sequence[str]) -> list[Column]:
     """Return the columns of sizes and errors."""
     errors = [Column(word(name), f"error_{name}", "%") for name in quantities]
-    return [*columns("unknowns | seconds :.2f"), *errors]
+    return [*columns("unknowns | seconds :.2f | MB = memory :.0f"), *errors]
 
 
 Curve = tuple[str, Sequence[Values], str]  # label, rows, and the key of the error
@@ -199,6 +207,16 @@ def draw(panels: Mapping[str, Sequence[Curve]]) -> Figure:
     return figure
 
 
+def growth(small: Values, large: Values) -> str:
+    """Return with which powers of the unknowns seconds and memory grow between two rows."""
+    ratio = math.log(large["unknowns"] / small["unknowns"])
+    time, memory = (math.log(large[name] / small[name]) / ratio for name in ("seconds", "memory"))
+    return (
+        f"From {small['unknowns']} to {large['unknowns']} unknowns n the whole process takes n^{time:.2f} of time and "
+        f"n^{memory:.2f} of memory."
+    )
+
+
 def main_levels(*, repeat: int = 1, out: Place = None, readme: Place = None) -> list[str]:
     """Run every sample on its levels, and print errors over processor time and unknowns."""
     study = Study(repeated("bench --work-precision", repeat), out, readme, ["work-precision"])
@@ -213,6 +231,8 @@ def main_levels(*, repeat: int = 1, out: Place = None, readme: Place = None) -> 
         shown = table(lines, [*columns("level"), *error_columns(names)], title=f"{case}, against {source.source}")
         shown.print()
         parts += [f"`{case}`, against {source.source}:", shown]
+        if case == FSI1.case and not any(line["failure"] for line in lines):
+            parts.append(growth(lines[2], lines[-1]))
         rows += lines
         panels[shown.title] = [(f"${word(x)}$" if "_" in word(x) else word(x), lines, f"error_{x}") for x in names]
     return _finish(study, "work-precision", parts, rows, panels, found.values())

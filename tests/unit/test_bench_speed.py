@@ -19,7 +19,7 @@ NESTED = "import subprocess, sys; subprocess.run([sys.executable, '-c', {!r}]); 
 
 def test_children_count_tasks_alternate_and_failures_stay():
     seconds, found = processor_time([sys.executable, "-c", NESTED.format(BURN.format(0.3))])
-    assert found == {"unknowns": 7} and 0.3 < seconds < 3
+    assert found["unknowns"] == 7 and found["memory"] > 5 and 0.3 < seconds < 3
     _, found = processor_time([sys.executable, "-c", "raise SystemExit('no such mesh')"])
     assert found == {"failure": "crash", "reason": "no such mesh"}
     order, numbers = [], count()
@@ -67,7 +67,7 @@ def solved(case, settings):
     level = settings if isinstance(settings, int) else int(settings[0][-1])
     names = next(sample.quantities for sample in SAMPLES if sample.case == case)
     values = {name: 1 + 0.1 / 2**level for name in names}
-    return 1.0 + level, {"unknowns": 1000 * 2**level, "failure": "", "quantities": values}
+    return 1.0 + level, {"unknowns": 1000 * 2**level, "memory": 90.0 * 2**level, "failure": "", "quantities": values}
 
 
 @pytest.mark.parametrize(("block", "main"), [("work-precision", speed.main_levels), ("peers", speed.main_peers)])
@@ -80,7 +80,7 @@ def test_tables_and_pictures_are_written(block, main, tmp_path, monkeypatch):
     monkeypatch.setattr(speed, "PEER_PYTHON", page)
     assert set(main(out=tmp_path, readme=page)) == {""}
     frame = pd.read_csv(tmp_path / f"{block}.csv")
-    assert len(frame) == (24 if block == "work-precision" else 15)
+    assert len(frame) == (26 if block == "work-precision" else 15)
     assert (tmp_path / f"{block}.png").read_bytes().startswith(b"\x89PNG")
     text = page.read_text()
     assert f"Written by `python -m studies bench --{block}`" in text

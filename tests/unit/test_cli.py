@@ -59,7 +59,7 @@ BAD_INPUT = [
     ([*SWEEP, "--points", "nothing.csv"], "nothing.csv"),
     ([*SWEEP, "--points", "p.csv", "--vary", "mesh.level=0"], "not both"),
     ([*SWEEP, "--vary", "inflow.mean_velocitty=0.1"], 'did you mean "inflow.mean_velocity"?'),
-    ([*SWEEP, "--vary", "mesh.level=0:5:1"], "mesh.level = 5"),
+    ([*SWEEP, "--vary", "mesh.level=0:7:1"], "mesh.level = 7"),
     ([*SWEEP, "--vary", "mesh.level=0", "--vary", "mesh.level=1"], "given twice"),
     ([*SWEEP, "--vary", "mesh.level=0", "--jobs", "0"], "jobs"),
     ([*SWEEP, "--vary", "mesh.level=0", "--jobs", "2", "--dask", "tcp://x"], "not both"),

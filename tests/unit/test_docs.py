@@ -66,7 +66,7 @@ def test_a_key_says_what_is_accepted():
     assert (viscosity.unit, viscosity.default, viscosity.range) == ("Pa s", "needed", "> 0")
     assert by_key["fluid.law", ""].default == '"newtonian"'
     assert by_key["solid.NAME.poisson_ratio", 'solid.NAME.material = "neo-hookean"'].range == "> -1 and < 0.5"
-    assert by_key["mesh.level", ""].accepted == "whole number 0 to 4"
+    assert by_key["mesh.level", ""].accepted == "whole number 0 to 6"
     assert by_key["geometry.regions.NAME", 'geometry.kind = "mesh"'].meaning
     assert not [item for item in scene_keys() if not item.meaning or not item.type]
 

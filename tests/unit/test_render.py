@@ -236,7 +236,7 @@ def test_values_are_defaults_of_the_script_but_the_time_limit():
     usual = script("turek-fsi1").splitlines()
     different = [line for line in changed.splitlines() if line not in usual]
     assert [line.partition("EndMacro ")[2] for line in different] == [
-        'Integer("mesh.level", 3); AtLeast(0); AtMost(4);',
+        'Integer("mesh.level", 3); AtLeast(0); AtMost(6);',
         'Number("fluid.viscosity", 2.0); Above(0); Unit(-1, 1, -1);',
     ]
     scene = load_scene("turek-csm1", ["solver.time_limit=5"])
