@@ -25,7 +25,7 @@ class Samples(Table):
         json_schema_extra=every(at(key, {"minItems": FEWEST, "maxItems": MOST}) for key in ("at", "value"))
     )
 
-    at: tuple[Number, ...] = Field(description="where the samples are, increasing, in SI")
+    at: tuple[Number, ...] = Field(description="numbers of s or m where the samples are, increasing, dimensionless")
     value: tuple[Number, ...] = Field(description="their values, dimensionless")
 
     @model_validator(mode="after")

@@ -12,7 +12,7 @@ from ffsi.files.errors import InputError
 from studies.bench import speed
 from studies.bench.speed import SAMPLES, Sample, alternating, processor_time, reference, row, within
 
-PROGRAMS = ("ffsi run", "NGSolve")
+PROGRAMS = ("ffsi run", "ffsi script", "NGSolve")
 BURN = "import time; t = time.process_time()\nwhile time.process_time() - t < {}: pass\n"
 NESTED = "import subprocess, sys; subprocess.run([sys.executable, '-c', {!r}]); print('{{\"unknowns\": 7}}')"
 
@@ -97,10 +97,13 @@ def test_without_ngsolve_the_command_that_installs_it_is_named(tmp_path, monkeyp
 def test_the_readme_tells_what_was_measured_beside_the_peer(tolerance):
     root = Path(__file__).parents[2]
     best = within(pd.read_csv(root / "results/peers.csv").to_dict("records"))
-    own, other = (next(x for x in best if (x["tolerance"], x["program"]) == (tolerance, name)) for name in PROGRAMS)
+    own, script, other = (
+        next(x for x in best if (x["tolerance"], x["program"]) == (tolerance, name)) for name in PROGRAMS
+    )
     lines = (root / "README.md").read_text(encoding="utf-8").splitlines()
     command = " ".join(f"--set {setting}" for setting in speed.OWN[own["mesh"]])
     (line,) = [line for line in lines if f"ffsi run turek-fsi1 {command}`" in line]
     assert f"within {tolerance}" in line
+    assert script["mesh"] == own["mesh"] and f"{script['seconds']:.1f} s as a script" in line
     for item in (own, other):
         assert f"{item['seconds']:.1f} s" in line and f"{item['unknowns']:,} unknowns".replace(",", " ") in line
