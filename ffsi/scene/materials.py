@@ -37,10 +37,10 @@ class Elastic(Table, ABC):
 
     density: Density = Field(description="density in the reference configuration, kg/m^3")
     viscosity: Viscosity | None = Field(
-        None, description="Kelvin-Voigt viscosity eta of the further stress S = eta dE/dt, Pa s; needs a table time"
+        None, description="Kelvin-Voigt viscosity eta of the further stress S = eta dE/dt, needs a table time, Pa s"
     )
     mass_damping: ShearRate | None = Field(
-        None, description="factor a of Rayleigh's damping force -a rho v per volume, 1/s; needs a table time"
+        None, description="factor a of Rayleigh's damping force -a rho v per volume, needs a table time, 1/s"
     )
 
     @property

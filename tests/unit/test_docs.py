@@ -94,7 +94,7 @@ def test_the_command_refuses_what_it_does_not_know(arguments, message, capsys):
     assert ended.value.code == 2 and message in " ".join(capsys.readouterr().err.split())
 
 
-# What the README says of a case on a level: the largest error of these quantities, in per cent. (FSI1: test_bench_speed.py)
+# What the README says of a case on a level: the largest error of these quantities, in per cent.
 CLAIMS = [
     ("cylinder-2d1", 2, ("drag_coefficient",), 0.001),
     ("cylinder-2d1", 2, ("lift_coefficient",), 0.1),
