@@ -28,6 +28,10 @@ def openings(scene: Scene, outline: list[Boundary]) -> dict[str, Any]:
             if inlet.mean_velocity is not None
         ])  # fmt: skip
         found |= _inlets(scene, [side.opening or "" for side in outline if side.role == "inlet"])
+    elif scene.inflow:
+        found["inlets"] = {"inletMeanVelocity": "[inflowMeanVelocity]"}
+        found["inlets"] |= {"inletFactors": "[inflowFactor]"} if scene.time else {}
+        found["inlet_profiles"] = [scene.inflow.expression.to_freefem({"y": "inletS"})]
     if has_openings(scene):
         found["openings"] = _openings(scene, [side for side in outline if side.role == "outlet"])
     return found
@@ -45,9 +49,6 @@ def _inlets(scene: Scene, names: list[str]) -> dict[str, Any]:
             values[f"inletStart{axis}"] = [f"{place.start[i]!r}/unitLength" for place in places]
             values[f"inletInward{axis}"] = [repr(place.inward[i]) for place in places]
         values["inletLength"] = [f"{place.height!r}/unitLength" for place in places]
-    else:  # the only one, which the geometry's library knows
-        values |= {"inletStartX": ["inletX"], "inletStartY": ["inletY"], "inletLength": ["inletHeight"]}
-        values |= {"inletInwardX": ["inwardX"], "inletInwardY": ["inwardY"]}
     if scene.time:
         values["inletFactors"] = [_factor(scene, name) for name in names]
     profiles = [scene.inlet[name].expression.to_freefem({"y": "inletS"}) for name in names]

@@ -219,8 +219,7 @@ def _context(scene: Scene, mumps: bool) -> dict[str, Any]:
         "interfaceLabels": _labels(outline, "interface"),
         "wallLabels": _labels(outline, "no-slip", "interface"),
         "partLabels": [b.label for b in parts],
-        "loadedLabels": [b.label for b in outline if b.role == "loaded" and not b.load],
-        "loadLabels": [b.label for b in outline if b.load],
+        "loadLabels": _labels(outline, "loaded"),
         "supportedLabels": _labels(outline, "supported"),
     }
     needed = {"fixedDisplacement", "fixedVelocity"}  # even where they are empty
@@ -268,7 +267,6 @@ def _context(scene: Scene, mumps: bool) -> dict[str, Any]:
         "inlet": scene.geometry.inlet if fluid and isinstance(scene.geometry, ChannelGeometry) else None,
         "fourier": scene.inflow and scene.inflow.fourier,
         "inflow_waveform": _waveform(scene),
-        "inflow_profile": scene.inflow.expression.to_freefem({"y": "inletS"}) if scene.inflow else "",
         "theta_of_step": _THETA[scene.time.scheme] if scene.time else "",
         "viscosity_text": "a constant mu" if scene.fluid and scene.fluid.law == "newtonian" else "mu of the shear rate",
         "better_mesh_motion": _better_mesh_motion(scene),
@@ -321,17 +319,16 @@ def _structure(scene: Scene, *, parts: bool, varying: bool) -> list[str]:
         "isNewtonian": fluid and fluid.law == "newtonian",
         "hasGravity": scene.gravity,
         "hasSolidWeight": scene.gravity and solid,
-        "hasTraction": scene.traction,
         "hasSupport": any(b.role == "supported" for b in boundaries(scene)),
         "hasBends": bends,
         "hasSlip": any(b.role == "slip" for b in boundaries(scene)),
         "hasMovingWalls": scene.walls,
         "hasDisplacedWalls": any(wall.displaced for wall in scene.walls.values()),
-        "hasLoads": scene.loads,
+        "hasLoads": scene.loads or scene.traction,
         "hasGivenBends": bends and not coupled,
         "hasParts": parts,
         "hasNamedInlets": scene.inlet,
-        "hasInlets": any(inlet.pressure is None for inlet in scene.inlet.values()),
+        "hasInlets": scene.inflow or any(inlet.pressure is None for inlet in scene.inlet.values()),
         "hasOpenings": has_openings(scene),
         "hasStraightInlets": any(inlet.direction == "normal" for inlet in scene.inlet.values()),
         "hasDoNothing": pressed_inlets or any(each.kind != "zero-traction" for each in outlets),
@@ -376,7 +373,7 @@ def _machinery(scene: Scene) -> list[str]:
         follow = ["following-mesh"] if scene.mesh_motion and not scene.mesh_motion.law.linear else []
         last = [*first, "energy", "start-of-step", *follow, "condensed", *start, "step-forces", *wall]
         last += ["time-steps", "checkpoints", "failure-in-time", "main-in-time"]
-    flow = [*(["loads"] if scene.loads else []), *(["outlet"] if special else [])]
+    flow = [*(["loads"] if scene.loads or scene.traction else []), *(["outlet"] if special else [])]
     flow += ["openings"] if has_openings(scene) else []
     flow += ["constant-rows", "residual", "jacobian", "newton", *(["forces"] if scene.fluid else [])]
     return [*flow, "output", "evidence", *last]
@@ -389,9 +386,7 @@ def _womersley(scene: Scene) -> bool:
 def _outlets_with(
     scene: Scene, outline: list[Boundary], has: Callable[[Outlet], bool], pressed: bool = False
 ) -> list[int]:
-    """Return the labels of outlets with something, of inlets with a pressure if they have it; none without openings."""
-    if not has_openings(scene):
-        return []
+    """Return the labels of outlets with something, of inlets with a pressure if they have it."""
     tables = {side.label: scene.outlets.get(side.opening or "", scene.only_outlet) for side in outline}
     inlets = [side.label for side in outline if side.opening in scene.inlet]
     return [

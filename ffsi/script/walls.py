@@ -58,13 +58,18 @@ def is_fixed(key: str, value: float) -> bool:
 
 def named_loads(scene: Scene, outline: list[Boundary]) -> dict[str, Any]:
     """Return the macros of the loads by name, and which of their pressures follow the surface; nothing without any."""
-    names = [side.load for side in outline if side.load]
+    names = [side.load or "" for side in outline if side.role == "loaded"]  # "": the scene's traction
     if not names:
         return {"loads": {}}
     values = {f"load{camel(key)}": variables("loads", names, key) for key in _LOAD}
+    for key, variable in zip(_LOAD, ("tractionX", "tractionY", "0."), strict=True):
+        values[f"load{camel(key)}"] = [
+            one if name else variable for name, one in zip(names, values[f"load{camel(key)}"], strict=True)
+        ]
     if scene.time:
-        values["loadWaveforms"] = [f"({scene.loads[name].expression.to_freefem()})" for name in names]
-    return {"loads": arrays(values), "load_follows": [scene.loads[name].following for name in names]}
+        waves = [scene.loads[name].expression.to_freefem() if name else "1." for name in names]
+        values["loadWaveforms"] = [f"({wave})" for wave in waves]
+    return {"loads": arrays(values), "load_follows": [bool(name) and scene.loads[name].following for name in names]}
 
 
 def camel(key: str) -> str:

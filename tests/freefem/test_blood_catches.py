@@ -78,8 +78,8 @@ MUTATIONS = {
         "Backflow(timeTheta-1, oldRows)",
     ),
     "stiffness of the support": (STEADY, "matrix m = (stepWeight*supp", "matrix m = (1.1*stepWeight*supp"),
-    "stiffness in time": (IN_TIME, "uyTo); old *= supportStiffness;", "uyTo); old *= -supportStiffness;"),
-    "damping": (IN_TIME, "vyTo); old += supportDamping*nodes", "vyTo); old -= supportDamping*nodes"),
+    "stiffness in time": (IN_TIME, "Edge, (1-timeTheta)*supportSt", "Edge, (timeTheta-1)*supportSt"),
+    "damping": (IN_TIME, "Edge, (1-timeTheta)*supportDamping", "Edge, (timeTheta-1)*supportDamping"),
     "waveform": (channel({"kind": "do-nothing"}, **BEATING), " + waveSine[k]*sin(", " - waveSine[k]*sin("),
     "Womersley's profile, c_k": (
         channel({"kind": "do-nothing"}, profile="womersley", **BEATING),

@@ -62,11 +62,7 @@ def test_a_bar_decays_as_an_oscillator(damping, rate, tmp_path):
 WRONG = [
     ("edp/lib/solid-step.idp", "*SolidViscosity(s)/timeK", "*SolidViscosity(s)/(1.001*timeK)"),
     ("edp/lib/solid-step.idp", "mean(:, r+i).*change(:, r+j)", "mean(:, r+j).*change(:, r+i)"),
-    (
-        "edp/lib/start-of-step.idp",
-        "nodes = massDamping*old; nodes *= 1-timeTheta",
-        "nodes = massDamping*old; nodes *= timeTheta",
-    ),
+    ("edp/lib/start-of-step.idp", "AddProduct(massDamping, 1-timeTheta", "AddProduct(massDamping, timeTheta"),
 ]
 DAMPED = ["solid.beam.viscosity=200", "solid.beam.mass_damping=3", "time.end=0.02", "time.stop=none", "mesh.level=0"]
 

@@ -149,7 +149,7 @@ WRONG = {
     "steady": ("m = -1.*m; AddBlock(m, fieldFrom[momentumY], uxFrom, free);",
         "AddBlock(m, fieldFrom[momentumY], uxFrom, free);"),
     "normal": ("loadNormalX[j]; loadForceX -=", "loadNormalX[j]; loadForceX +="),
-    "in time": ("loadPart *= p; loadForceY += loadPart;", "loadPart *= p; loadForceY -= loadPart;"),
+    "in time": ("AddProduct(loadTurn[j], p, mean", "AddProduct(loadTurn[j], -p, mean"),
     "waveform": ("SetLoadFactors(timeNow+timeTheta*timeK);", "SetLoadFactors(timeNow+timeK);"),
 }  # fmt: skip
 

@@ -229,7 +229,7 @@ MUTATIONS = {
         [("work = fluidDensity*(1-timeTheta)*oldJ;", "work = fluidDensity*(1-timeTheta)*fluidJ;")], 1.7),
     "stress of the new state": ("solid", [("solidSecond[s] *= timeTheta; solidSecond[s] += solidOldSecond[s];", "")],
         1.2),
-    "no outlet's term of the old state": ("both", [("nodes = outletXY*old; nodes *= 1-timeTheta;", "nodes = 0;")], 0.5),
+    "no outlet's term of the old state": ("both", [("(outletXY, 1-timeTheta,", "(outletXY, 0,")], 0.5),
     "convection": ("both", [("S11 += G12.*relativeY;", "S11 -= G12.*relativeY;")], 0.2),
 }  # fmt: skip
 

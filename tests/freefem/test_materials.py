@@ -103,7 +103,7 @@ class Fluxes:
         self.material = problem_from_scene(scene).solids[2].material
         columns = 5 if self.solid.mixed else 4
         line, text = "// " + "-" * 64, render(scene)
-        part = text.partition(f"{line} solids: at")[2].partition(f"{line} rows")[0].partition(f"{line} fluid")[0]
+        part = text.partition(f"{line} solids: at")[2].partition(f"{line} loads")[0].partition(f"{line} fluid")[0]
         mixed, incompressible = int(self.solid.mixed), int(self.solid.incompressible)
         numbers = [f"real {p.variable} = {p.value!r};" for p in parameters(scene) if p.key.startswith(f"solid.{name}.")]
         rows = np.concatenate(list(ARGUMENTS.values()))
