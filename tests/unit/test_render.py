@@ -75,7 +75,7 @@ def test_every_file_of_the_library_is_used():
     texts = [script(*other, bundled=False) for other in others] + [script(case, bundled=False) for case in CASES]
     used = set(re.findall(r'^include "lib/(.*)"', "\n".join(texts), re.MULTILINE))
     assert {path.name for path in (EDP / "lib").iterdir()} - used == {
-        "channel.idp", "initial.idp", "inlets.idp", "linear-elastic.idp", "mesh-file.idp",
+        "channel.idp", "initial.idp", "linear-elastic.idp", "mesh-file.idp",
         "moving-walls.idp", "openings.idp", "resistance-outlet.idp", "windkessel-outlet.idp",
     }  # fmt: skip
 
