@@ -104,6 +104,7 @@ class Fluxes:
         columns = 5 if self.solid.mixed else 4
         line, text = "// " + "-" * 64, render(scene)
         part = text.partition(f"{line} solids: at")[2].partition(f"{line} loads")[0].partition(f"{line} fluid")[0]
+        logarithm = "func int LogarithmOfJ" + text.partition("func int LogarithmOfJ")[2].partition("\n}\n")[0] + "\n}"
         mixed, incompressible = int(self.solid.mixed), int(self.solid.incompressible)
         numbers = [f"real {p.variable} = {p.value!r};" for p in parameters(scene) if p.key.startswith(f"solid.{name}.")]
         rows = np.concatenate(list(ARGUMENTS.values()))
@@ -111,7 +112,7 @@ class Fluxes:
         script = folder / "case.edp"
         script.write_text("\n".join([
             *numbers, "int nSolids = 1; int[int][int] solidPoints(1);",
-            f"int[int] solidMixed = [{mixed}], solidIncompressible = [{incompressible}];", f"//{part}",
+            f"int[int] solidMixed = [{mixed}], solidIncompressible = [{incompressible}];", logarithm, f"//{part}",
             f"int n = {len(rows)}, m = {columns};",
             "solidPoints[0].resize(n); ResizeSolids();",
             'ifstream in("arguments.txt");',
