@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -94,6 +94,11 @@ def three(name: str, make: Callable[[Path, int, float], Scene], folder: Path, st
     return {f"{name}-{m}-{k:g}": make(folder, m, k) for m, k in ((n, step), (2 * n, step), (2 * n, step / 2))}
 
 
+def joined(groups: Iterable[Scenes]) -> Scenes:
+    """Return all scenes of groups."""
+    return {name: one for group in groups for name, one in group.items()}
+
+
 # A cylinder under pressure ------------------------------------------------------------------------------------------
 
 INNER, OUTER, SHEAR, PRESSURE = 1.0, 2.0, 1.0, 0.4
@@ -126,8 +131,7 @@ AMPLITUDE = 5e-4
 
 def ring(folder: Path) -> Scenes:
     """Two meshes and two steps of each density of the fluid."""
-    found = [three(f"ring-{rho}", partial(_ring, rho), folder, SWINGS[rho][0], 2) for rho in SWINGS]
-    return {name: one for group in found for name, one in group.items()}
+    return joined(three(f"ring-{rho}", partial(_ring, rho), folder, SWINGS[rho][0], 2) for rho in SWINGS)
 
 
 def _ring(rho: float, folder: Path, n: int, step: float) -> Scene:
@@ -167,8 +171,7 @@ WALLS = {"1": 1.0, "0.1": 0.1, "massless": 1e-3}
 
 def collapsible(folder: Path) -> Scenes:
     """Two meshes and two steps of each density of the wall."""
-    found = [three(f"collapsible-{name}", partial(_collapsible, rho), folder, 0.0125) for name, rho in WALLS.items()]
-    return {name: one for group in found for name, one in group.items()}
+    return joined(three(f"collapsible-{name}", partial(_collapsible, WALLS[name]), folder, 0.0125) for name in WALLS)
 
 
 def _collapsible(rho: float, folder: Path, n: int, step: float) -> Scene:
@@ -297,8 +300,8 @@ THICK = (0.05, 0.025, 0.0125)
 
 def leaflet(folder: Path) -> Scenes:
     """Two meshes and two steps of the middle thickness, and the finest of them of the others."""
-    own = {h: three(f"leaflet-{h}", partial(_leaflet, h), folder, 0.02) for h in THICK}
-    return {name: one for h in THICK for name, one in own[h].items() if h == THICK[1] or name.endswith("-2-0.01")}
+    every = joined(three(f"leaflet-{h}", partial(_leaflet, h), folder, 0.02) for h in THICK)
+    return {name: one for name, one in every.items() if f"-{THICK[1]}-" in name or name.endswith("-2-0.01")}
 
 
 def _leaflet(thick: float, folder: Path, n: int, step: float) -> Scene:
