@@ -23,6 +23,8 @@ _STEP = 1e-4
 _STENCIL = {1: 2 / 3, -1: -2 / 3, 2: -1 / 12, -2: 1 / 12}
 # Logarithmic derivatives below this part of one are measured on it: times the tolerance that is rounding.
 _SMALL = 1e-2
+# Likewise of what is nothing but rounding, as the lift of a symmetric flow: its differences over a small step are more.
+_OF_NOTHING = 1e2
 
 
 def by_name(quantity: str, key: str) -> str:
@@ -50,8 +52,9 @@ def derivatives(scene: Scene, mesh: RawMesh, state: RawState, keys: Iterable[str
         tangent = moved(tangent, factors.solution(system, state, left))
         ends = {place: values_of(systems[place], moved(state, tangent, place * h)) for place in _STENCIL}
         for name, quantity in values.items():
+            part = _SMALL if abs(quantity.value) >= quantity.scale else _OF_NOTHING
             slope = sum(weight / h * ends[place][name].value for place, weight in _STENCIL.items())
-            found[by_name(name, key)] = Quantity(slope, max(abs(slope), _SMALL * quantity.scale / size))
+            found[by_name(name, key)] = Quantity(slope, max(abs(slope), part * quantity.scale / size))
     return found
 
 

@@ -106,6 +106,9 @@ def test_a_resistance_shares_the_pressure_with_the_channel(tmp_path):
     flow = 2 / (12 * MU * LENGTH + resistance / 2)
     poiseuille(result, 12 * MU * LENGTH * flow)
     assert result.quantities["pressure_at_top"] == pytest.approx(resistance / 2 * flow, rel=1e-9)
+    slopes = solve(scene, tmp_path / "slopes", sensitivities=True)  # those of what vanishes by symmetry are rounding
+    assert slopes.checked, slopes.reason
+    assert slopes.data["sensitivities"]["flow_through_top"]["outlet.top.resistance"]["derivative"] < 0
     less = with_values(scene, {"outlet.bottom.resistance": 1, "inlet.high.flow_rate": 0.1})
     assert less.inlet["high"].pressure is None and less.inlet["high"].mean_velocity == pytest.approx(0.2)
 
