@@ -307,7 +307,7 @@ def _structure(scene: Scene, *, parts: bool, varying: bool) -> list[str]:
         "hasFluid": fluid,
         "hasSolid": solid,
         "isCoupled": coupled,
-        "hasDisplacement": coupled and not solid,
+        "hasDisplacement": coupled or solid,
         "hasVelocity": fluid or time,
         "hasPressure": "p" in flux_tables.components(scene),
         "hasKinematics": flux_tables.kinematic(scene),
