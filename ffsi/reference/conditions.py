@@ -102,24 +102,26 @@ class Outlet:
 
 
 @dataclass(frozen=True)
+class Support:
+    """Elastic support of a wall from outside: ``stiffness`` Pa/m and ``damping`` Pa s/m, per reference length."""
+
+    stiffness: float
+    damping: float = 0.0
+
+
+@dataclass(frozen=True)
 class Load:
     """Dead ``traction`` (2,) Pa per reference length and ``pressure`` Pa on a boundary of a solid, times ``factor``.
 
-    The pressure ``follows`` the boundary in its motion or acts as on the reference one; the factor is one of time.
+    The pressure ``follows`` the boundary in its motion or acts as on the reference one; the factor is one of time. What
+    the boundary is ``held`` by knows no factor.
     """
 
     traction: tuple[float, float]
     pressure: float
     follows: bool
     factor: Callable[[float], float]
-
-
-@dataclass(frozen=True)
-class Support:
-    """Elastic support of a wall from outside: ``stiffness`` Pa/m and ``damping`` Pa s/m, per reference length."""
-
-    stiffness: float
-    damping: float = 0.0
+    held: Support | None = None
 
 
 # Waveforms ---------------------------------------------------------------------------------------------------------

@@ -228,7 +228,11 @@ def _load(scene: Scene, name: str | None) -> Load | None:
     load = scene.loads[name]
     wave = load.expression
     return Load(
-        (load.traction_x, load.traction_y), load.pressure, load.following, lambda time: float(wave.evaluate(t=time))
+        (load.traction_x, load.traction_y),
+        load.pressure,
+        load.following,
+        lambda time: float(wave.evaluate(t=time)),
+        Support(load.stiffness or 0.0, load.damping or 0.0) if load.springs else None,
     )
 
 

@@ -104,10 +104,11 @@ def load(system: System, acting: Load, sides: Sides, u: Array) -> Array:
     return dead - terms.side_pressure(ends, factor * acting.pressure)
 
 
-def supported_edges(system: System) -> Ints:
-    """P2 nodes (n, 3) of the edges that are supported."""
-    mesh = system.mesh
-    return mesh.edge_nodes[np.isin(mesh.label, system.problem.labels("supported"))]
+def supports(system: System) -> list[tuple[Support, Ints]]:
+    """What holds boundaries elastically, each with the P2 nodes (n, 3) of its edges."""
+    mesh, common = system.mesh, system.problem.support
+    found = [(common, mesh.edge_nodes[np.isin(mesh.label, system.problem.labels("supported"))])] if common else []
+    return found + [(load.held, sides.nodes) for load, sides in system.loaded if load.held is not None]
 
 
 def kinematics(system: System, nodes: Ints, u: Array, v: Array) -> Array:

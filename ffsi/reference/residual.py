@@ -181,10 +181,9 @@ def _loads(system: System, state: RawState) -> dict[str, Floats]:
     for outlet, sides in system.outlets:
         for name, term in _outlet(system, outlet, sides, state).items():
             loads[name] = loads.get(name, 0.0) + term
-    if system.problem.support is not None:
-        edges = momentum.supported_edges(system)
-        local = momentum.support(system, system.problem.support, edges, state.u[edges], state.v[edges])
-        loads["support"] = scatter(local, edges, system.mesh.n_p2)
+    for held, edges in momentum.supports(system):
+        local = momentum.support(system, held, edges, state.u[edges], state.v[edges])
+        loads["support"] = loads.get("support", 0.0) + scatter(local, edges, system.mesh.n_p2)
     if system.problem.labels("loaded"):
         loads["traction"] = _traction(system)
     for acting, sides in system.loaded:

@@ -190,8 +190,8 @@ def _groups(system: System, state: RawState) -> Iterator[_Group]:
                 yield _outlet_pressure_group(system, outlet, sides)
     for solid in system.solids.values():
         yield _solid_group(system, solid, len(state.p))
-    if system.problem.support is not None:
-        yield _support_group(system, system.problem.support)
+    for held, edges in momentum.supports(system):
+        yield _support_group(system, held, edges)
     yield from (_load_group(system, acting, sides) for acting, sides in system.loaded if acting.follows)
     if system.increment is not None and system.solids:
         yield _kinematics_group(system, state)
@@ -243,9 +243,9 @@ def _outlet_pressure_group(system: System, outlet: Outlet, sides: Sides) -> _Gro
     return function, numbers, numbers
 
 
-def _support_group(system: System, held: Support) -> _Group:
-    """Supported edges: 6 rows of momentum, numbered like v, by 6 u and 6 v."""
-    edges, n2 = momentum.supported_edges(system), system.mesh.n_p2
+def _support_group(system: System, held: Support, edges: Ints) -> _Group:
+    """Supported edges (n, 3): 6 rows of momentum, numbered like v, by 6 u and 6 v."""
+    n2 = system.mesh.n_p2
     n, numbers = len(edges), _numbers(edges)
 
     def function(local: Array) -> Array:

@@ -13,18 +13,24 @@ from ffsi.scene.expressions import Expression
 from ffsi.scene.geometry import GeometryBase, MeshGeometry
 from ffsi.scene.samples import Samples, samples_of
 from ffsi.scene.time import Time
-from ffsi.scene.units import Stress
+from ffsi.scene.units import FoundationDamping, FoundationStiffness, Stress
 from ffsi.scene.walls import TIME, readable
 
 WAVES = ("waveform", "waveform_file", "waveform_samples")
 
 
 class Load(Table):
-    """Traction and pressure on a boundary of a solid, in time times the waveform."""
+    """Traction and pressure on a boundary of a solid, in time times the waveform; spring and damper that hold it."""
 
     traction_x: Stress = Field(0.0, description="x component of the dead traction, per reference length, Pa")
     traction_y: Stress = Field(0.0, description="y component of the dead traction, per reference length, Pa")
     pressure: Stress = Field(0.0, description="pressure on the boundary, against its outward normal, Pa")
+    stiffness: FoundationStiffness | None = Field(
+        None, description="of a spring against the displacement, per reference length, Pa/m"
+    )
+    damping: FoundationDamping | None = Field(
+        None, description="of a damper against the velocity, per reference length, needs a table time, Pa s/m"
+    )
     following: StrictBool = Field(
         True,
         description="whether the pressure follows the surface, its normal and its length (true or false)",
@@ -52,6 +58,11 @@ class Load(Table):
         return self
 
     @property
+    def springs(self) -> bool:
+        """Whether a spring or a damper holds the boundary."""
+        return self.stiffness is not None or self.damping is not None
+
+    @property
     def expression(self) -> Expression:
         """The waveform as a formula in t (s), dimensionless."""
         if self.waveform_samples is not None:
@@ -72,7 +83,7 @@ def load_problems(
             accepted = f"accepted: {names(known)}" if known else "the scene has none"
             text = f"no boundary of a solid that can be loaded{hint}; {accepted}"
             yield Problem(f"loads.{name}", text, None, nearest(name, known))
-        elif time is None and (given := [key for key in WAVES if getattr(load, key) is not None]):
+        elif time is None and (given := [key for key in (*WAVES, "damping") if getattr(load, key) is not None]):
             text = "only accepted in a scene with a table time (time.step and time.end)"
             yield Problem(f"loads.{name}.{given[0]}", text)
         elif time is not None:

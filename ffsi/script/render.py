@@ -301,6 +301,8 @@ def _structure(scene: Scene, *, parts: bool, varying: bool) -> list[str]:
     pressed_inlets = any(inlet.pressure is not None for inlet in scene.inlet.values())
     pressed = outlet is not None and outlet.has_pressure and not pressed_inlets
     coupled, motion = scene.mesh_moves, scene.mesh_motion
+    held = any(b.role == "supported" for b in boundaries(scene))
+    springs = any(load.springs for load in scene.loads.values())
     bends = any(b.circle and b.role == "no-slip" for b in boundaries(scene))
     found = {
         "inTime": time,
@@ -319,12 +321,14 @@ def _structure(scene: Scene, *, parts: bool, varying: bool) -> list[str]:
         "isNewtonian": fluid and fluid.law == "newtonian",
         "hasGravity": scene.gravity,
         "hasSolidWeight": scene.gravity and solid,
-        "hasSupport": any(b.role == "supported" for b in boundaries(scene)),
+        "hasSupport": held,
         "hasBends": bends,
         "hasSlip": any(b.role == "slip" for b in boundaries(scene)),
         "hasMovingWalls": scene.walls,
         "hasDisplacedWalls": any(wall.displaced for wall in scene.walls.values()),
         "hasLoads": scene.loads or scene.traction,
+        "hasSprings": springs,
+        "isHeld": springs and not held,
         "hasGivenBends": bends and not coupled,
         "hasParts": parts,
         "hasNamedInlets": scene.inlet,

@@ -66,6 +66,14 @@ def named_loads(scene: Scene, outline: list[Boundary]) -> dict[str, Any]:
         values[f"load{camel(key)}"] = [
             one if name else variable for name, one in zip(names, values[f"load{camel(key)}"], strict=True)
         ]
+    if any(name and scene.loads[name].springs for name in names):
+        values |= {
+            f"load{camel(key)}": [
+                variable if name and getattr(scene.loads[name], key) is not None else "0."
+                for name, variable in zip(names, variables("loads", names, key), strict=True)
+            ]
+            for key in ("stiffness", "damping")
+        }
     if scene.time:
         waves = [scene.loads[name].expression.to_freefem() if name else "1." for name in names]
         values["loadWaveforms"] = [f"({wave})" for wave in waves]

@@ -1,4 +1,4 @@
-"""Kelvin-Voigt viscosity and Rayleigh's mass damping: the decay of a bar, wrong scripts."""
+"""Kelvin-Voigt viscosity, Rayleigh's mass damping, springs and dampers: the motion of a bar, wrong scripts."""
 
 import numpy as np
 import pytest
@@ -14,24 +14,26 @@ DENSITY, YOUNG, LENGTH, K = 2.0, 50.0, 2.0, 0.02
 WAVE = np.pi / (2 * LENGTH)
 
 
-def bar(folder, end=1.0, **damping):
-    """[0, 2] x [0, 0.5], held on the left, its long sides lines of symmetry, in its first longitudinal mode."""
+def bar(folder, wave=WAVE, loads=None, **damping):
+    """[0, 2] x [0, 0.5], held on the left, its long sides lines of symmetry; in time in a longitudinal mode."""
     mesh = structured_mesh(
         np.linspace(0, LENGTH, 13), np.linspace(0, 0.5, 3), lambda x, y: 2,
         lambda x, y: 3 if y in (0.0, 0.5) else 1 if x == 0 else 2,
     )  # fmt: skip
     path = write_mesh(folder / "bar.msh", mesh, {"bar": 2}, {"held": 1, "end": 2, "sides": 3})
     solid = {"material": "linear-elastic", "density": DENSITY, "young_modulus": YOUNG, "poisson_ratio": 0.0, **damping}
-    return scene_on(
-        path, {"clamped": "held", "symmetry": "sides"}, {"bar": "bar"}, solid={"bar": solid},
-        start={"displacement_x": f"1e-6*sin({WAVE!r}*x)"},
-        time={"step": K, "end": end, "scheme": "crank-nicolson", "output_interval": K},
-    )  # fmt: skip
+    swings = {
+        "start": {"displacement_x": f"1e-6*sin({wave!r}*x)"},
+        "time": {"step": K, "end": 1.0, "scheme": "crank-nicolson", "output_interval": K},
+    }
+    sides = {"clamped": "held", "symmetry": "sides", **({"loaded": "end"} if loads else {})}
+    tables = {"solid": {"bar": solid}, **(swings if wave else {}), **({"loads": {"end": loads}} if loads else {})}
+    return scene_on(path, sides, {"bar": "bar"}, **tables)  # fmt: skip
 
 
-def oscillator(rate, steps):
+def oscillator(rate, steps, wave=WAVE):
     """The scheme, after two steps of backward Euler, for q' = p, p' = -w^2 q - rate p from q = 1, p = 0."""
-    system, one = np.array([[0.0, 1.0], [-YOUNG / DENSITY * WAVE**2, -rate]]), np.eye(2)
+    system, one = np.array([[0.0, 1.0], [-YOUNG / DENSITY * wave**2, -rate]]), np.eye(2)
     state, found = np.array([1.0, 0.0]), []
     for n in range(steps):
         theta = 1.0 if n < 2 else 0.5
@@ -59,12 +61,50 @@ def test_a_bar_decays_as_an_oscillator(damping, rate, tmp_path):
     assert np.ptp(total[2:]) < 1e-5 * np.abs(history["elastic"]).max()
 
 
+def test_a_bar_on_a_spring_swings_with_its_frequency(tmp_path):
+    """E k cos(k L) + s sin(k L) = 0 for u = sin(k x)."""
+    wave = 1.1
+    stiffness = -YOUNG * wave / np.tan(wave * LENGTH)
+    result = solve(bar(tmp_path, wave, {"stiffness": stiffness}), tmp_path / "run")
+    assert result.checked
+    tip = 1e6 * result.history["tip_ux"].to_numpy() / np.sin(wave * LENGTH)
+    np.testing.assert_allclose(tip, oscillator(0.0, len(tip), wave), rtol=0, atol=1e-4)
+    total = result.history[["kinetic", "elastic"]].sum(axis=1) - result.history["work"]
+    assert np.ptp(total[2:]) < 1e-5 * np.abs(result.history["elastic"]).max()
+
+
+def test_a_bar_pulled_against_a_spring(tmp_path):
+    result = solve(bar(tmp_path, None, {"traction_x": 3.0, "stiffness": 7.0}), tmp_path / "run")
+    assert result.checked
+    assert result.quantities["tip_ux"] == pytest.approx(3.0 / (YOUNG / LENGTH + 7.0), rel=1e-10)
+    with pytest.raises(SceneError, match=r"loads\.end\.damping: only accepted in a scene with a table time"):
+        bar(tmp_path, None, {"damping": 1.0})
+
+
+def test_a_damper_takes_the_wave(tmp_path):
+    """One with the impedance sqrt(E rho) sends nothing back: after the time of two lengths all is at rest."""
+    result = solve(bar(tmp_path, WAVE, {"damping": np.sqrt(YOUNG * DENSITY), "stiffness": 0.0}), tmp_path / "run")
+    assert result.checked
+    assert result.history["kinetic"].iloc[-1] < 1e-2 * result.history["kinetic"].max()
+
+
 WRONG = [
     ("edp/lib/solid-step.idp", "*SolidViscosity(s)/timeK", "*SolidViscosity(s)/(1.001*timeK)"),
     ("edp/lib/solid-step.idp", "mean(:, r+i).*change(:, r+j)", "mean(:, r+j).*change(:, r+i)"),
     ("edp/lib/start-of-step.idp", "AddProduct(massDamping, 1-timeTheta", "AddProduct(massDamping, timeTheta"),
+    ("edp/lib/start-of-step.idp", "AddProduct(dampers, 1-timeTheta", "AddProduct(dampers, timeTheta-1"),
+    ("edp/lib/constant-rows.idp", "d = damping[j];", "d = -damping[j];"),
+    ("edp/lib/constant-rows.idp", "s = stiffness[j],", "s = -stiffness[j],"),
 ]
-DAMPED = ["solid.beam.viscosity=200", "solid.beam.mass_damping=3", "time.end=0.02", "time.stop=none", "mesh.level=0"]
+DAMPED = [
+    "loads.surface.stiffness=1e4",
+    "loads.surface.damping=20",
+    "solid.beam.viscosity=200",
+    "solid.beam.mass_damping=3",
+    "time.end=0.02",
+    "time.stop=none",
+    "mesh.level=0",
+]
 
 
 def test_a_damped_beam_that_turns_is_checked(solved):
