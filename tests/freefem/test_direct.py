@@ -204,7 +204,7 @@ REFUSED = {
     "hexadecimal": (["-fluid_density", "0x10"], "-fluid_density needs a number"),
     "fraction for an integer": (["-mesh_level", "1.5"], "-mesh_level needs an integer, got '1.5'"),
     "exponent for an integer": (["-solver_max_iterations", "1e1"], "-solver_max_iterations needs an integer"),
-    "level too high": (["-mesh_level", "7"], "-mesh_level must be at most 4"),
+    "level too high": (["-mesh_level", "7"], "-mesh_level must be at most 6"),
     "level too low": (["-mesh_level", "-1"], "-mesh_level must be at least 0"),
     "huge level": (["-mesh_level", "99999999999"], "-mesh_level must be"),
     "no iterations": (["-solver_max_iterations", "0"], "-solver_max_iterations must be at least 1"),
