@@ -47,6 +47,8 @@ def define(scene: Scene, varied: Mapping[str, Any]) -> dict[str, Any]:
     definition: dict[str, Any] = {**varied, "scene": tomllib.loads(scene.to_toml())}
     if isinstance(scene.geometry, MeshGeometry):
         definition["mesh"] = scene.geometry.digest  # the file may have changed
+    if scene.time is not None and scene.time.initial_state is not None:
+        definition["initial"] = scene.time.initial_state.digest  # and the folder
     return definition
 
 

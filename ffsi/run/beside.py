@@ -72,11 +72,13 @@ def complete(data: dict[str, Any], scene: Scene, beside: Mapping[str, Future[Res
     the error; the bar is three times the sum of both sizes. Where a run beside was not solved there is a warning.
     """
     assert scene.time is not None
-    others = {}
+    others, expected = {}, scenes_beside(scene)
     for name, future in beside.items():
         try:
             result, why = future.result(), ""
             why = result.reason
+            if not why and result.scene != expected[name]:  # only one of both was started again with other values
+                why = "it was started again with other values, or the run itself; state them"
         except Exception as error:  # whatever ended it; the run itself is whole
             why = str(error)
         if why:

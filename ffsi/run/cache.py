@@ -30,7 +30,8 @@ _OWN = (folder.RESULT, "result-*.json", folder.CHAIN, folder.SCENE, folder.POINT
 class Cache:
     """A folder with the script's files of solved and checked points, each in a folder named by its content.
 
-    The content is the script as it is rendered for the point, with all its numbers, and the mesh of the user's own.
+    The content is the script as it is rendered for the point, with all its numbers, the mesh of the user's own, and in
+    time when it stops, which the script does not know.
     What comes from here is checked like what has just been solved.
     """
 
@@ -94,7 +95,8 @@ class Cache:
 
     def _place(self, scene: Scene) -> Path:
         mesh = scene.geometry.digest if isinstance(scene.geometry, MeshGeometry) else ""
-        return self.directory / hashlib.sha256(f"{render(scene)}{mesh}".encode()).hexdigest()
+        stop = scene.time.stop if scene.time and scene.time.stop != "end" else ""
+        return self.directory / hashlib.sha256(f"{render(scene)}{mesh}{stop}".encode()).hexdigest()
 
 
 def _kept(path: Path, result: Result) -> str | None:

@@ -101,10 +101,11 @@ def solve(
     point = Point(scene, directory, 1, {}, alone=True)
 
     def run_beside(other: Scene, name: str) -> Result:
-        at = directory / name
-        if resume and (at / folder.RESULT).is_file() and not folder.read_json(at / folder.RESULT).get("failure"):
+        at = directory / name  # that of an earlier end is no longer beside
+        go_on = resume and folder.is_run_folder(at) and scene_of(at / folder.SCENE) == other
+        if go_on and (at / folder.RESULT).is_file() and not folder.read_json(at / folder.RESULT).get("failure"):
             return load_result(at)
-        return solve(other, at, check=check, resume=resume and folder.is_run_folder(at))
+        return solve(other, at, check=check, resume=go_on)
 
     with folder.held(directory):
         arguments = start(point, installation, resume)

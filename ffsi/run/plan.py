@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ffsi.result.study_definition import Values
 from ffsi.scene import Scene, with_values
 from ffsi.script.render import parameters
+from ffsi.script.walls import is_fixed
 
 Piece = list[Values]
 """Points that one FreeFEM process solves in this order."""
@@ -38,7 +39,7 @@ def plan(scene: Scene, points: Sequence[Values], workers: int = 1) -> list[Piece
     groups: dict[tuple[Any, ...], Piece] = {}
     along: dict[tuple[Any, ...], list[str]] = {}
     for values in points:
-        texts = tuple((key, value if isinstance(value, str) else None) for key, value in values.items())
+        texts = tuple((k, v if isinstance(v, str) or is_fixed(k, v) else None) for k, v in values.items())
         if texts not in along:
             along[texts] = run_time_keys(scene, values)
         fixed = tuple(sorted((key, value) for key, value in values.items() if key not in along[texts]))

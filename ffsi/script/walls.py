@@ -5,11 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+
 from ffsi.scene import Boundary, Scene
 from ffsi.scene.walls import points_of
 
 _WALL = ("velocity_x", "velocity_y", "rotation", "centre_x", "centre_y")
 _LOAD = ("traction_x", "traction_y", "pressure")
+_STEPS_FOR_UNIT = 100
 
 
 def moving_walls(scene: Scene, outline: list[Boundary]) -> dict[str, Any]:
@@ -41,8 +44,9 @@ def moving_walls(scene: Scene, outline: list[Boundary]) -> dict[str, Any]:
     for side in outline:
         wall = scene.walls.get(side.moving or "")
         if wall and wall.displaced and scene.time and (points := points_of(side, scene.geometry)) is not None:
-            rates = wall.movement(points, scene.time.end)[1]
-            speeds.append(repr(float(abs(rates).max())))
+            # A unit: not of the end, which can become a later one while checkpoints hold numbers in it.
+            rates = wall.movement(points, _STEPS_FOR_UNIT * scene.time.step)[1]
+            speeds.append(repr(float(abs(rates[np.isfinite(rates)]).max(initial=0.0))))
     return {
         "moving": arrays(values),
         "speed_of_walls": " + ".join(speeds),

@@ -1,6 +1,8 @@
 """Error bars against finer meshes and steps, where they are shown, and where there are none."""
 
 import json
+from concurrent.futures import Future
+from types import SimpleNamespace
 
 import pytest
 from conftest import scene_of
@@ -8,6 +10,8 @@ from conftest import scene_of
 import ffsi
 from ffsi.reference.check import check_run
 from ffsi.report import write_report
+from ffsi.run.beside import complete, scenes_beside
+from ffsi.run.longer import lengthen
 from ffsi.scene import with_values
 
 
@@ -92,6 +96,26 @@ def test_in_time_there_must_be_room_for_runs_beside(tmp_path, settings, words):
     with pytest.raises(ValueError, match=words):
         ffsi.solve(ffsi.load_scene("turek-csm3", settings), tmp_path / "run", error=True)
     assert not (tmp_path / "run").exists()
+
+
+def test_the_runs_beside_one_that_goes_on_go_on_to_the_same_end(tmp_path):
+    scene = scene_of("turek-csm3", "mesh.level=1", "time.step=0.02", "time.end=0.04", "output.pictures=false")
+    ffsi.solve(scene, tmp_path / "a", error=True, check=False)
+    ffsi.solve(lengthen(tmp_path / "a", ["time.end=0.08"]), tmp_path / "a", error=True, check=False, resume=True)
+    ffsi.solve(with_values(scene, {"time.end": 0.08}), tmp_path / "b", error=True, check=False)
+    bars = [ffsi.load_result(tmp_path / name).data["errors"]["tip_uy_last"]["bar"] for name in "ab"]
+    assert bars[0] == pytest.approx(bars[1], rel=1e-3)
+
+
+def test_a_run_beside_with_other_values_gives_no_bars():
+    scene = scene_of("turek-csm3", "mesh.level=1", "time.step=0.02", "time.end=0.04", "output.pictures=false")
+    data = {"warnings": [], "failure": ""}
+    beside = {name: Future() for name in scenes_beside(scene)}
+    for name, other in scenes_beside(scene).items():
+        other = SimpleNamespace(scene=with_values(other, {"solver.tolerance": 1e-9}), reason="")
+        beside[name].set_result(other)
+    complete(data, scene, beside)
+    assert len(data["warnings"]) == 2 and "started again with other values" in data["warnings"][0]
 
 
 def test_levels_tell_the_order_and_the_error_of_the_finest(tmp_path, solved):

@@ -6,6 +6,8 @@ from own_mesh import scene_on, write_mesh
 from structured import structured_mesh
 from test_walls import channel, flap, state_of
 
+from ffsi.freefem import FreeFEMError
+from ffsi.result.study_definition import define
 from ffsi.run import execute
 from ffsi.run.one_scene import solve
 from ffsi.scene import SceneError, load_scene, with_values
@@ -37,6 +39,7 @@ def test_a_steady_state_stays_and_its_folder_needs_no_other(steady, tmp_path):
     for name in ("drag", "tip_ux", "tip_uy"):
         np.testing.assert_allclose(history[name], steady.quantities[name], rtol=1e-7)
     assert load_scene(tmp_path / "run/scene.toml") == scene
+    assert define(scene, {})["initial"] == scene.time.initial_state.digest  # a sweep is that of this state
 
 
 def test_it_starts_on_another_mesh(steady, tmp_path):
@@ -149,3 +152,10 @@ def test_a_state_of_another_domain_is_refused(steady, tmp_path):
     both = with_values(steady.scene, {"time": {"step": K, "end": K}})
     with pytest.raises(SceneError, match=r"start: not accepted beside time\.initial"):
         with_values(both, {"time.initial": str(steady.directory), "start.velocity_x": "1"})
+
+
+def test_a_cylinder_at_another_place_is_another_domain_of_the_same_area(solved, tmp_path):
+    time = {"step": K, "end": K, "initial": str(solved("cylinder-2d1", "mesh.level=0").directory)}
+    scene = load_scene("cylinder-2d1", ["mesh.level=0", "geometry.cylinder_x=1"])
+    with pytest.raises(FreeFEMError, match=r"time\.initial is the state of another domain"):
+        solve(with_values(scene, {"time": time}), tmp_path / "run")

@@ -10,6 +10,7 @@ from structured import structured_mesh
 from ffsi.files.arrays import read_mesh, read_state
 from ffsi.run.one_scene import solve
 from ffsi.scene import Scene, SceneError
+from ffsi.script.render import render
 
 PISTON = "0.4*(1 - cos(2*t))"
 TIME = {"step": 0.05, "end": 0.6}
@@ -97,3 +98,9 @@ def test_refused_where_nothing_moves(tmp_path):
         cylinder(tmp_path, time=None)
     with pytest.raises(SceneError, match='the wall "walls" of this geometry can have no displacement'):
         scene_of("turek-fsi2", "walls.walls.displacement_x=t")
+
+
+def test_a_later_end_keeps_the_units_in_which_checkpoints_are():
+    motion = ["walls.cylinder.displacement_x=0.005*t^2", "inflow.mean_velocity=0", "time.step=0.05"]
+    one, two = (scene_of("cylinder-2d1", *motion, f"time.end={end}") for end in (1, 2))
+    assert render(one) == render(two).replace('"time.end", 2.0', '"time.end", 1.0')

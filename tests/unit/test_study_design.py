@@ -231,6 +231,13 @@ def test_beyond_a_failed_point_is_what_lies_on_one_line(values, is_beyond):
     assert not beyond(values, {"a": 2.0, "b": 2.0}, {"a": 1.0, "b": 1.0})
 
 
+def test_a_wall_at_rest_has_a_script_of_its_own():
+    wall = {"walls.cylinder.centre_x": 0.2, "walls.cylinder.centre_y": 0.2, "walls.cylinder.rotation": 1}
+    points = [{"walls.cylinder.rotation": turn} for turn in (1.0, 0.0, 2.0, -1.0)]
+    pieces = plan(with_values(load_scene("cylinder-2d1"), wall), points)
+    assert [len(piece) for piece in pieces] == [3, 1] and pieces[1] == [points[1]]
+
+
 STUDY = """
 scene = "flap-svk"
 set = {mesh.level = 0, output = {pictures = false, vtu = false}}

@@ -135,3 +135,9 @@ def test_what_a_study_has_solved_before_it_is_interrupted_is_in_the_cache(tmp_pa
     with pytest.raises(KeyboardInterrupt):
         sweep(SCENE, vary, tmp_path / "one", cache=tmp_path / "cache", on_event=interrupt)
     assert len(list((tmp_path / "cache").iterdir())) >= 1
+
+
+def test_a_cache_tells_when_a_run_stops(tmp_path):
+    scene = load_scene("turek-csm3")
+    ends = [Cache(tmp_path)._place(with_values(scene, {"time.stop": stop})) for stop in ("end", "periodic")]
+    assert ends[0] != ends[1]
