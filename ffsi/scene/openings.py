@@ -14,10 +14,17 @@ from ffsi.scene.time import Time
 
 _NO_TIME = "only accepted in a scene with a table time (time.step and time.end)"
 _ALONG_AXIS = 1e-9
+_BEYOND = 0.01
+"""Part of an inlet by which a measured profile may be longer."""
 
 
 def inflow_problems(inflow: Inflow, height: float, time: Time | None, table: str) -> Iterator[Problem]:
     """Yield what is wrong with an inflow of a ``table`` through an inlet of a height, m."""
+    samples = inflow.profile_samples
+    if samples and not (-_BEYOND * height <= samples.at[0] and samples.at[-1] <= (1 + _BEYOND) * height):
+        reach = f"reaches from {short(samples.at[0])} to {short(samples.at[-1])} m"
+        text = f"{reach}; accepted: 0 to {short(height)} m, the inlet"
+        yield Problem(f"{table}.profile_samples.at", text)
     y = np.linspace(0.0, height, 201)
     bad = y[~np.isfinite(inflow.expression.evaluate(y=y, H=height))]
     if bad.size:
