@@ -172,7 +172,7 @@ def quantities(
     table.add_column("unit")
     if published:
         table.add_column("published", justify="right")
-        table.add_column("error", justify="right")
+        table.add_column("from published", justify="right")
     for name, value in values.items():
         if name.endswith(MINOR) and name not in published:
             continue
