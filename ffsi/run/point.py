@@ -128,7 +128,8 @@ class Point:
             failures, reason = list(report.failures), "the reference check disagrees"
             for name in ("sensitivities", "errors"):
                 if data.get(name) and self.scene.steady and data["check"][f"{name}_difference"] is None:
-                    data["warnings"].append(f"{name} were not computed a second time: the mesh is too large for the checker's own")
+                    why = "the mesh is too large for the checker's own"
+                    data["warnings"].append(f"{name} were not computed a second time: {why}")
         data["timings"]["check"] = seconds(time.perf_counter() - begin)
         if failures:
             data["check_failures"] = failures

@@ -74,7 +74,10 @@ def _name_problems(role: str, tables: Mapping[str, object], geometry: ChannelGeo
     known = list(getattr(geometry, f"{role}s")) if own else [role]
     able = [*known, *(getattr(geometry.boundaries, role) or ())] if isinstance(geometry, MeshGeometry) else known
     for name in tables:
-        if name not in known:
+        if name in able and name not in known:
+            text = f"is no name; give it one: {role}s = {{some_name = {name}}} in geometry, not boundaries.{role}"
+            yield Problem(f"{role}.{name}", text)
+        elif name not in known:
             text = f"no {role} of this name; accepted: {names(able)}"
             yield Problem(f"{role}.{name}", text, None, nearest(name, able))
     for name in known if own else ():

@@ -225,3 +225,13 @@ REFUSED = [
 def test_refused(tables, text, tmp_path):
     with pytest.raises(SceneError, match=text):
         channel(tmp_path, **{"outlet": {"bottom": NONE, "top": NONE}, **tables})
+
+
+def test_a_number_as_a_name_is_told_where_to_get_one(tmp_path):
+    channel(tmp_path, inlet=BOTH, outlet={"bottom": NONE, "top": NONE})
+    sides = {"inlet": ["low", "high"], "outlet": [3, 4], "walls": "walls"}
+    with pytest.raises(SceneError, match=r"outlets = \{some_name = 3\} in geometry, not boundaries.outlet"):
+        scene_on(
+            tmp_path / "channelFalse.msh", sides, {"fluid": "fluid"}, fluid=WATER, inlet=BOTH,
+            outlet={"3": NONE, "4": NONE},
+        )  # fmt: skip
