@@ -77,9 +77,9 @@ MUTATIONS = {
         "Backflow(1-timeTheta, oldRows)",
         "Backflow(timeTheta-1, oldRows)",
     ),
-    "stiffness of the support": (STEADY, "matrix m = (stepWeight*supp", "matrix m = (1.1*stepWeight*supp"),
-    "stiffness in time": (IN_TIME, "Edge, (1-timeTheta)*supportSt", "Edge, (timeTheta-1)*supportSt"),
-    "damping": (IN_TIME, "Edge, (1-timeTheta)*supportDamping", "Edge, (timeTheta-1)*supportDamping"),
+    "stiffness of the support": (STEADY, "matrix m = stepWeight*springs", "matrix m = (1.1*stepWeight)*springs"),
+    "stiffness in time": (IN_TIME, "(springs, 1-timeTheta, oldX", "(springs, timeTheta-1, oldX"),
+    "damping": (IN_TIME, "(dampers, 1-timeTheta, oldX", "(dampers, timeTheta-1, oldX"),
     "waveform": (channel({"kind": "do-nothing"}, **BEATING), " + waveSine[k]*sin(", " - waveSine[k]*sin("),
     "Womersley's profile, c_k": (
         channel({"kind": "do-nothing"}, profile="womersley", **BEATING),

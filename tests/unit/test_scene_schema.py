@@ -139,7 +139,7 @@ WRONG = pairs({
         {"solid.beam.material": None}, {"solid.beam.young_modulus": 1.0}, {"solid.beam.poisson_ratio": None},
         {"solid.beam.poisson_ratio": 0.5},
         {"solid.beam.material": "neo-hookean", "solid.beam.formulation": "incompressible"},
-        {"solid.beam.formulation": "mixed"}, {"mesh.level": 5}, {"mesh.level": 1.5}, {"mesh.root_size": 0.01},
+        {"solid.beam.formulation": "mixed"}, {"mesh.level": 7}, {"mesh.level": 1.5}, {"mesh.root_size": 0.01},
         {"inflow.peak_velocity": 1.0}, {"inflow.mean_velocity": None}, {"inflow.ramp": 1.0},
         {"inflow.waveform": "sinus"}, {"inflow.period": 1.0}, {"inflow.harmonics": 3}, {"inflow.profile": "womersley"},
         {"outlet.kind": "pressure"}, {"outlet.pressure": 1.0}, {"outlet.hydrostatic": True}, {"output.vtu": "yes"},
