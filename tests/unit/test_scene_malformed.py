@@ -138,7 +138,8 @@ OVERRIDES = [
     ("flap-neo-hookean", "solid.flap.bulk_modulus=5.6",
      ["solid.flap.bulk_modulus = 5.6:", 'with the material "neo-hookean" has', '"poisson_ratio"']),
     ("flap-mooney-rivlin", "solid.flap.young_modulus=5", ["solid.flap.young_modulus = 5:",
-     'with the material "mooney-rivlin" has "density", "viscosity", "mass_damping", "formulation", "c10", "c01", "bulk_modulus", "material"']),
+     'with the material "mooney-rivlin" has "density", "viscosity", "mass_damping", "formulation", '
+     '"c10", "c01", "bulk_modulus", "material"']),
     ("flap-mooney-rivlin", "solid.flap.bulk_modulos=5",
      ["solid.flap.bulk_modulos = 5:", "unknown key", 'mean "solid.flap.bulk_modulus"']),
     ("flap-svk", "geometry.cylinder_x=1", ["geometry.cylinder_x = 1:", 'with the kind "flap-channel" has']),
