@@ -18,6 +18,7 @@ from ffsi.scene.errors import Problem, SceneError, join, names, nearest, short
 from ffsi.scene.flow import WOMERSLEY, Forces, Inflow, Inlet, with_mean_velocity
 from ffsi.scene.fluids import Fluid, PowerLaw
 from ffsi.scene.geometry import ChannelGeometry, FlapChannel, Geometry, GeometryBase, MeshGeometry, Physics
+from ffsi.scene.listing import rows
 from ffsi.scene.loads import Load, load_problems
 from ffsi.scene.materials import Solid
 from ffsi.scene.numerics import SIZES, Mesh, MeshMotion, Output, Solver
@@ -27,7 +28,6 @@ from ffsi.scene.start import Start, start_problems
 from ffsi.scene.time import Time
 from ffsi.scene.toml import parse_toml
 from ffsi.scene.units import Acceleration, FoundationDamping, FoundationStiffness, Stress
-from ffsi.scene.validation import unit
 from ffsi.scene.walls import Wall, named, wall_problems
 
 MAX_DESCRIPTION = 200
@@ -397,7 +397,7 @@ class Scene(Table):
 
     def in_words(self) -> dict[str, str]:
         """Return the values of each table of the scene with their units, by its name."""
-        return dict(_rows(self))
+        return dict(rows(self))
 
     def __repr__(self) -> str:
         """Return every table that the scene has, with the units of its values."""
@@ -454,28 +454,6 @@ def _leaves(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, A
             yield key, value
 
 
-def _rows(scene: Table) -> Iterator[tuple[str, str]]:
-    """Yield the name of each table of a scene, and its values with their units."""
-    for name in type(scene).model_fields:
-        value = getattr(scene, name)
-        tables = value if isinstance(value, Mapping) else {"": value}
-        for inner, table in tables.items():
-            if isinstance(table, Table):
-                yield join(name, inner), ", ".join(_values(table))
-
-
-def _values(table: Table, prefix: str = "") -> Iterator[str]:
-    for name, field in type(table).model_fields.items():
-        key, value = join(prefix, name), getattr(table, name)
-        if isinstance(value, Table):
-            yield from _values(value, key)
-        elif isinstance(value, Mapping):
-            for inner, item in value.items():
-                yield from _values(item, join(key, inner)) if isinstance(item, Table) else [f"{inner} {short(item)}"]
-        elif value is not None:
-            yield f"{key} {short(value)} {unit(field)}".rstrip()
-
-
 def boundaries(scene: Scene) -> list[Boundary]:
     """Return the boundaries of the scene, sorted by label.
 
@@ -485,23 +463,24 @@ def boundaries(scene: Scene) -> list[Boundary]:
     if scene.support is not None:
         found = [replace(boundary, role="supported") if boundary.outer else boundary for boundary in found]
     if scene.geometry.kind != "mesh":  # a mesh knows its own
-        found = [
-            replace(side, moving=side.name) if side.name in scene.walls and side.role == "no-slip" else side
-            for side in found
-        ]
-        found = [
-            replace(side, role="loaded", load=side.name) if side.name in scene.loads and side.role == "free" else side
-            for side in found
-        ]
-        found = [
-            replace(side, opening=side.name)
-            if (side.role == "inlet" and side.name in scene.inlet)
-            or (side.role == "outlet" and side.name in scene.outlets)
-            else side
-            for side in found
-        ]
+        found = [_told(scene, side) for side in found]
     pressed = [name for name, inlet in scene.inlet.items() if inlet.pressure is not None]
     found = [
         replace(side, role="outlet") if side.role == "inlet" and side.opening in pressed else side for side in found
     ]
     return sorted(found, key=lambda boundary: boundary.label)
+
+
+def _told(scene: Scene, side: Boundary) -> Boundary:
+    """Return a boundary of a built-in geometry as the scene's tables by name say it is."""
+    name = side.name
+    match side.role:
+        case "no-slip" if name in scene.walls:
+            return replace(side, moving=name)
+        case "free" if name in scene.loads:
+            return replace(side, role="loaded", load=name)
+        case "inlet" if name in scene.inlet:
+            return replace(side, opening=name)
+        case "outlet" if name in scene.outlets:
+            return replace(side, opening=name)
+    return side

@@ -9,9 +9,10 @@ from pydantic import Field, field_validator
 
 from ffsi.files.arrays import Floats
 from ffsi.files.initial import Initial
-from ffsi.scene.base import Table, refuse
+from ffsi.scene.base import Table
 from ffsi.scene.errors import Problem, short
-from ffsi.scene.expressions import Expression, ExpressionError
+from ffsi.scene.expressions import Expression
+from ffsi.scene.walls import readable
 
 PLACE = ("x", "y")
 _SAME = 0.02
@@ -31,12 +32,7 @@ class Start(Table):
     @field_validator("*")
     @classmethod
     def _readable(cls, text: str | None) -> str | None:
-        try:
-            if text is not None:
-                Expression.parse(text, PLACE)
-        except ExpressionError as error:
-            refuse([Problem("", f"{error}; accepted: a formula in x and y", short(text))])
-        return text
+        return readable(text, variables=PLACE, said="x and y")
 
     def expression(self, key: str) -> Expression:
         """Return a component as a formula in x and y, in SI."""

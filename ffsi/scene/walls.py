@@ -32,13 +32,13 @@ def _motion(text: str | None) -> str | None:
     return text
 
 
-def readable(text: str | None) -> str | None:
-    """Return the text of a waveform, for a validator; refuse one that is no formula in t."""
+def readable(text: str | None, *, variables: tuple[str, ...] = TIME, said: str = "t") -> str | None:
+    """Return the text of a formula, for a validator; refuse one that is none in these variables, as they are said."""
     try:
         if text is not None:
-            Expression.parse(text, TIME)
+            Expression.parse(text, variables)
     except ExpressionError as error:
-        refuse([Problem("", f"{error}; accepted: a formula in t", short(text))])
+        refuse([Problem("", f"{error}; accepted: a formula in {said}", short(text))])
     return text
 
 

@@ -12,8 +12,10 @@ import pytest
 
 from ffsi.freefem import find_freefem, run_script
 from ffsi.hemodynamics.result import Result, load_result
+from ffsi.run import execute
 from ffsi.run.one_scene import solve
 from ffsi.scene import Scene, load_scene
+from ffsi.script.render import render
 
 # A shell that starts the tests in the background ignores SIGINT, and so would the processes that they interrupt.
 signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -87,6 +89,21 @@ def solved(tmp_path_factory) -> Callable[..., Result]:
             return load_result(run) if (run / "result.json").is_file() else solve(scene_of(case, *settings), run)
 
     return solved
+
+
+@pytest.fixture
+def broken_script(monkeypatch) -> Callable[[str, str], None]:
+    """Let every run of a test have a text in its script replaced, which must be there."""
+
+    def break_it(right: str, wrong: str) -> None:
+        def broken(*arguments, **options):
+            text = render(*arguments, **options)
+            assert right in text, "the templates have changed: adapt this mutation"
+            return text.replace(right, wrong)
+
+        monkeypatch.setattr(execute, "render", broken)
+
+    return break_it
 
 
 @pytest.fixture

@@ -6,10 +6,8 @@ from own_mesh import scene_on, write_mesh
 from structured import structured_mesh
 
 from ffsi.files.arrays import read_mesh, read_state
-from ffsi.run import execute
 from ffsi.run.one_scene import solve
 from ffsi.scene import Scene, SceneError, load_scene, with_values
-from ffsi.script.render import render
 
 INNER, OUTER, MU, PRESSURE = 1.0, 1.5, 2.0, 0.65
 RUBBER = {"material": "neo-hookean", "formulation": "incompressible", "density": 3.0, "lame_mu": MU}
@@ -155,17 +153,11 @@ WRONG = {
 
 
 @pytest.mark.parametrize("name", WRONG)
-def test_a_wrong_load_is_caught(name, tmp_path, monkeypatch):
+def test_a_wrong_load_is_caught(name, tmp_path, broken_script):
     time = name in ("in time", "waveform")
     wave = {"waveform": "sin(9*t)"} if time else {}
     right, wrong = WRONG[name]
-
-    def broken(*arguments, **options):
-        text = render(*arguments, **options)
-        assert right in text
-        return text.replace(right, wrong)
-
-    monkeypatch.setattr(execute, "render", broken)
+    broken_script(right, wrong)
     result = solve(block(tmp_path, time=time, pressure=-3, traction_y=2, **wave), tmp_path / "run")
     assert not result.checked and "momentum" in result.reason
 

@@ -7,10 +7,8 @@ from structured import structured_mesh
 from test_walls import RUBBER, WATER, state_of
 
 from ffsi.result.domain import intended
-from ffsi.run import execute
 from ffsi.run.one_scene import solve
 from ffsi.scene import Scene, SceneError, load_scene, with_values
-from ffsi.script.render import render
 
 LENGTH, RHO, MU = 3.0, WATER["density"], WATER["viscosity"]
 SIDES = {"low": 1, "high": 2, "bottom": 3, "top": 4, "walls": 5, "ends": 6, "wet": 7}
@@ -183,15 +181,9 @@ WRONG = {
 
 
 @pytest.mark.parametrize("name", WRONG)
-def test_a_wrong_script_is_caught(name, tmp_path, monkeypatch):
+def test_a_wrong_script_is_caught(name, tmp_path, broken_script):
     right, wrong = WRONG[name]
-
-    def broken(*arguments, **options):
-        text = render(*arguments, **options)
-        assert right in text
-        return text.replace(right, wrong)
-
-    monkeypatch.setattr(execute, "render", broken)
+    broken_script(right, wrong)
     wave = {"waveform": "sin(9*t)"}
     inlets = {"low": {"pressure": 1, **wave}, "high": {"mean_velocity": 0.1, **wave}}
     outlets = {"bottom": {"kind": "resistance", "resistance": 2}, "top": NONE}

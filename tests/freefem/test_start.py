@@ -8,10 +8,8 @@ from test_walls import channel, flap, state_of
 
 from ffsi.freefem import FreeFEMError
 from ffsi.result.study_definition import define
-from ffsi.run import execute
 from ffsi.run.one_scene import solve
 from ffsi.scene import SceneError, load_scene, with_values
-from ffsi.script.render import render
 
 SLOW = {"inflow": {"mean_velocity": 0.3, "profile": "6*y*(1-y)"}, "mesh_motion": {"kind": "hyperelastic"}}
 K = 0.02
@@ -114,15 +112,9 @@ WRONG = {
 
 
 @pytest.mark.parametrize("name", ["state", "mesh"])
-def test_a_wrong_start_is_caught(name, steady, tmp_path, monkeypatch):
+def test_a_wrong_start_is_caught(name, steady, tmp_path, broken_script):
     right, wrong = WRONG[name]
-
-    def broken(*arguments, **options):
-        text = render(*arguments, **options)
-        assert right in text
-        return text.replace(right, wrong)
-
-    monkeypatch.setattr(execute, "render", broken)
+    broken_script(right, wrong)
     time = {"step": K, "end": 2 * K, "initial": str(steady.directory)}
     level = {"mesh.level": 1} if name == "mesh" else {}  # on its own mesh it follows already
     result = solve(with_values(steady.scene, {"time": time, **level}), tmp_path / "run")
