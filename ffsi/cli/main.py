@@ -147,7 +147,8 @@ def run(
     if not json:
         show.domain(scene)
     if scene.output.pictures:  # while FreeFEM computes
-        threading.Thread(target=_load_drawing, daemon=True).start()
+        with contextlib.suppress(RuntimeError):  # no room for a thread: it is loaded when it is needed
+            threading.Thread(target=_load_drawing, daemon=True).start()
     try:
         with machine.computing(directory), show.progress(scene.name) as on_event:
             result = solve(

@@ -65,7 +65,7 @@ def test_a_verdict_is_not_lost_with_its_words(capsys, monkeypatch, freefem, chec
     assert Path("runs/flap-svk/result.json").is_file()
 
 
-@pytest.mark.parametrize(("kilobytes", "words"), [(30_000, "cases"), (165_000, "run flap-svk")])
+@pytest.mark.parametrize(("kilobytes", "words"), [(30_000, "cases"), (163_000, "run flap-svk")])
 def test_a_machine_that_cannot_load_the_libraries_gets_a_message(kilobytes, words):
     command = f"ulimit -v {kilobytes}; {sys.executable} -m ffsi {words}"
     source = str(Path(folder.__file__).parents[2])
@@ -74,6 +74,14 @@ def test_a_machine_that_cannot_load_the_libraries_gets_a_message(kilobytes, word
     )
     assert done.returncode == 4
     assert done.stderr.splitlines()[-1].startswith(("error: ffsi cannot be loaded: ", "error: the memory ended"))
+
+
+def test_without_room_for_a_thread_pictures_are_loaded_when_they_are_drawn(capsys, monkeypatch, freefem, check):
+    def start(thread):
+        raise RuntimeError("can't start new thread")
+
+    monkeypatch.setattr("ffsi.cli.main.threading.Thread.start", start)
+    assert call(capsys, "run", "flap-svk", "--set", "mesh.level=0")[0] == 0
 
 
 @pytest.mark.parametrize(("number", "words"), [
