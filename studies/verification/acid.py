@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
+import tomllib
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -17,35 +17,13 @@ from scipy.optimize import brentq, curve_fit
 from ffsi.result.pictures import INK, to_small_png
 from studies.harness import Run, Study, run_one, side_by_side
 from studies.tables import columns, dress, markdown, table
-from studies.verification import acid_scenes as scenes
+from studies.verification.acid_scenes import INNER, OUTER, scenes_of
 
 RUNS = Path("runs/acid")
-PUBLISHED, VALUES = (Path(__file__).parents[1] / "data" / name for name in ("acid.csv", "acid_values.csv"))
+TABLES, PUBLISHED, VALUES = (Path(__file__).parents[1] / "data" / f"acid{x}" for x in (".toml", ".csv", "_values.csv"))
+TESTS: Mapping[str, Mapping[str, Any]] = tomllib.loads(TABLES.read_text(encoding="utf-8"))
 Pick = Callable[[pd.DataFrame], float]
 Of = Callable[[Mapping[str, Run]], tuple[float, float]]
-
-
-@dataclass(frozen=True)
-class Value:
-    """A number of a test: the published or exact one with its band, and ours by run with its error bar."""
-
-    name: str
-    expected: str
-    low: float
-    high: float
-    of: Of
-    others: str = ""
-
-
-@dataclass(frozen=True)
-class Test:
-    """Scenes by the name of their run, and what is looked at."""
-
-    key: str
-    name: str
-    said: str
-    scenes: Callable[[Path], scenes.Scenes]
-    drawn: tuple[str, str, str] | None = None  # run and column of a history beside published ones, and what it is
 
 
 # Ours -----------------------------------------------------------------------------------------------------------------
@@ -82,12 +60,13 @@ def extrapolated(runs: Mapping[str, Run]) -> tuple[float, float]:
 
 def inflated() -> float:
     """Displacement of the inside by p = mu [ln(la/lb) + c/2 (1/a^2 - 1/b^2)], c = a^2 - A^2, la = a/A, lb = b/B."""
-    inner, outer = scenes.INNER, scenes.OUTER
+    inner, outer, scene = INNER, OUTER, TESTS["cylinder"]["scene"]
+    load = scene["loads"]["inside"]["pressure"] / scene["solid"]["rubber"]["lame_mu"]
 
     def missing(a: float) -> float:
         c = a**2 - inner**2
         b = math.sqrt(outer**2 + c)
-        return scenes.SHEAR * (math.log(a / inner * outer / b) + c / 2 * (1 / a**2 - 1 / b**2)) - scenes.PRESSURE
+        return float(math.log(a / inner * outer / b) + c / 2 * (1 / a**2 - 1 / b**2) - load)
 
     return float(brentq(missing, inner, 3 * inner, xtol=1e-15)) - inner
 
@@ -101,7 +80,7 @@ def swing(omega: float, sigma: float, which: int) -> Pick:
         def mode(t: Any, omega: float, sigma: float, even: float, odd: float, offset: float) -> Any:
             return np.exp(sigma * t) * (even * np.cos(omega * t) + odd * np.sin(omega * t)) + offset
 
-        found, _ = curve_fit(mode, late["time"], late["tip_ux"] / scenes.AMPLITUDE, (omega, sigma, 1.0, 0.0, 0.0))
+        found, _ = curve_fit(mode, late["time"], late["tip_ux"] / AMPLITUDE, (omega, sigma, 1.0, 0.0, 0.0))
         return float(found[which])
 
     return pick
@@ -131,7 +110,7 @@ def thin(pick: Pick) -> Of:
     """
 
     def found(runs: Mapping[str, Run]) -> tuple[float, float]:
-        thick, middle, fine = (pick(runs[f"leaflet-{h}-2-0.01"].history) for h in scenes.THICK)
+        thick, middle, fine = (pick(run.history) for name, run in runs.items() if name.endswith("-2-0.01"))
         first, second = 2 * middle - thick, 2 * fine - middle
         return second, abs(second - first) + settled("leaflet-0.025", pick)(runs)[1]
 
@@ -158,7 +137,7 @@ def above_outline(history: pd.DataFrame) -> float:
 
 MODES = {14: (2.42565010410, -1.1209667e-2), 140: (1.75739835109, -5.1717531e-2), 1400: (0.71317305386, -6.0295735e-2)}
 """Omega and sigma of the linear modes by density, 1/s: roots of a determinant of Bessel functions."""
-PEAK = 0.216  # of the collapsible wall, m
+PEAK, AMPLITUDE = 0.216, 5e-4  # of the collapsible wall, and with which the ring is let go, m
 
 
 def pick_of(row: Any) -> Pick:
@@ -177,66 +156,22 @@ def of_row(row: Any) -> Of:
     return resting(row.column) if row.runs == "blob" else settled(row.runs, pick_of(row), row.test == "ring")
 
 
-def expected(test: str) -> list[Value]:
-    """Return the values of a test that stand in `VALUES`."""
+def expected(test: str) -> list[Any]:
+    """Return the values of a test that stand in `VALUES`: their rows, with the columns as attributes."""
     rows = pd.read_csv(VALUES, dtype={"expected": str, "others": str})
     rows = rows.rename(columns={"from": "start", "to": "end"}).fillna(
         {"others": "", "runs": "", "rule": "", "column": "", "start": 0.0, "end": math.inf}
     )
-    found: Any = rows[rows["test"] == test].itertuples()
-    return [Value(row.quantity, row.expected, row.low, row.high, of_row(row), row.others) for row in found]
+    return list(rows[rows["test"] == test].itertuples())
 
 
-TESTS = [
-    Test(
-        "cylinder", "Cylinder under inner pressure",
-        "Incompressible neo-Hookean, plane strain, a pressure that follows the inside, radii 1 and 2, p = 0.4 mu; in "
-        "closed form. Of 8, 16 and 32 elements across, extrapolated.",
-        scenes.cylinder,
-    ),
-    Test(
-        "ring", "Ring in a fluid with added mass",
-        "A ring (radii 0.95 and 1.05 m, 1000 kg/m³, E = 1 MPa) in an annulus of viscous fluid (nu = 1e-3 m²/s) up to "
-        "1.5 m, let go in its second mode: frequency and damping over periods 3 and 4. Others: solids4foam, of the "
-        "frequency without viscosity. Extrapolated at second order from two meshes and two steps, 50 and 100 a period.",
-        scenes.ring,
-    ),
-    Test(
-        "collapsible", "Collapsible channel",
-        "A light wall (1:200) in the roof of a channel under an outer pressure that comes on in 0.25 s. Published: "
-        "oomph-lib with a beam, extrapolated in time; others: solids4foam with a Robin coupling, on 3200 to 51 200 "
-        "cells. Massless: 1e-3 kg/m³. Two meshes, steps of 12.5 and 6.25 ms.",
-        scenes.collapsible, ("collapsible-1-2-0.00625", "tip_uy", "u_y of the wall's middle, m"),
-    ),
-    Test(
-        "leaflet", "Leaflet in a channel",
-        "Published: oomph-lib with a beam of no thickness, at 0.2 % of 0.43 m. Ours: 0.05, 0.025 and 0.0125 m thick at "
-        "the same bending stiffness and mass, extrapolated linearly; two meshes and steps of 20 and 10 ms. Others: "
-        "solids4foam at 0.05 m.",
-        scenes.leaflet, ("leaflet-0.0125-2-0.01", "tip_ux", "u_x of the tip, m (ours: 0.0125 m thick)"),
-    ),
-    Test(
-        "blob", "Blob in treacle",
-        "A half disk, linear elastic, under a very viscous flow. Liu's form and ours conserve the force between fluid "
-        "and solid; solids4foam (others) takes the fluid's traction per undeformed area. Steady on two meshes, and to "
-        "1 s with steps of 50 and 25 ms.",
-        scenes.blob,
-    ),
-    Test(
-        "mok", "Lid-driven cavity with a flexible bottom",
-        "Group B: the inflow opposite to the outlet grows linearly to the lid's velocity 1 - cos(2 pi t/5). Others: "
-        "Valdes 2007, Kratos, Tiba et al. 2026, solids4foam on 96² cells. Here 16² and 32² rectangles, steps of 0.1 "
-        "and 0.05 s.",
-        scenes.mok, ("mok-32-0.05", "tip_uy", "u_y of the bottom's middle, m"),
-    ),
-    Test(
-        "flap", "Perpendicular flap",
-        "preCICE's tutorial: its pairs of programs, all with small-strain solids, agree to 2 or 3 %; Nutils with "
-        "deal.II, CalculiX and FEniCS starts from rest, as here, OpenFOAM at full speed. Two and four elements across, "
-        "steps of 0.02 and 0.01 s.",
-        scenes.flap, ("flap-2-0.01", "tip_ux", "u_x of the tip, m"),
-    ),
-]  # fmt: skip
+def inside(value: Any, ours: float, bar: float) -> str:
+    """Return whether a number lies in the band of a value."""
+    if value.low <= ours <= value.high:
+        return "yes"
+    return "with its bar" if value.low - bar <= ours <= value.high + bar else "no"
+
+
 COLUMNS = columns("quantity | published or exact = expected | other programs = others | ours :.8g | bar :.1e | inside")
 
 
@@ -255,19 +190,19 @@ def main(jobs: int = 1, runs: Path = RUNS, out: Path | None = None) -> list[str]
     parts: list[Any] = []
     rows: list[Mapping[str, Any]] = []
     every: dict[str, Run] = {}
-    for test in TESTS:
-        tasks = {n: partial(run_one, n, s, runs / n) for n, s in test.scenes(runs / "meshes").items()}
-        done = side_by_side(tasks, jobs, test.name)
+    for key, test in TESTS.items():
+        scenes = scenes_of(key, test, runs / "meshes")
+        done = side_by_side({n: partial(run_one, n, s, runs / n) for n, s in scenes.items()}, jobs, test["title"])
         every |= done
-        found = [_row(test.key, value, done) for value in expected(test.key)]
+        found = [_row(value, done) for value in expected(key)]
         rows += found
         seconds = ", ".join(f"{name} {run.seconds:.0f} s" for name, run in done.items())
         check = max(run.check_maximum for run in done.values())
         parts += [
-            f"## {test.name}", test.said, table(found, COLUMNS),
+            f"## {test['title']}", test["said"], table(found, COLUMNS),
             f"Seconds: {seconds}. Largest number of the checker: {check:.1e}.",
         ]  # fmt: skip
-        table(found, COLUMNS, title=test.name).print()
+        table(found, COLUMNS, title=test["title"]).print()
     written = study.written(run.data for run in every.values()) + " Bar: what mesh and step still change."
     study.write({
         "acid.md": lambda: markdown(["# Acid tests", written, "![Histories](acid.png)", *parts]) + "\n",
@@ -280,26 +215,21 @@ def main(jobs: int = 1, runs: Path = RUNS, out: Path | None = None) -> list[str]
 def draw(runs: Mapping[str, Run]) -> Figure:
     """Draw histories of ours beside published ones."""
     figure = Figure(figsize=(9.6, 6.4), layout="constrained", facecolor="white")
-    shown = [(test, *test.drawn) for test in TESTS if test.drawn]
-    for axes, (test, name, column, label) in zip(figure.subplots(2, 2).flat, shown, strict=True):
+    shown = [(key, test["title"], *test["drawn"]) for key, test in TESTS.items() if "drawn" in test]
+    for axes, (key, title, name, column, label) in zip(figure.subplots(2, 2).flat, shown, strict=True):
         history = runs[name].history
-        for curve, known in published(test.key).groupby("curve", sort=False):
+        for curve, known in published(key).groupby("curve", sort=False):
             axes.plot(known["t"], known["value"], "o", markersize=3, markerfacecolor="none", label=curve)
         axes.plot(history["time"], history[column], color=INK, linewidth=0.9, label="ours")
-        axes.set(title=test.name, xlabel="t, s", ylabel=label)
+        axes.set(title=title, xlabel="t, s", ylabel=label)
         axes.legend(frameon=False, fontsize=8)
         dress(axes)
     return figure
 
 
-def _near(value: Value, ours: float, bar: float) -> bool:
-    return value.low - bar <= ours <= value.high + bar
-
-
-def _row(test: str, value: Value, runs: Mapping[str, Run]) -> dict[str, Any]:
-    ours, bar = (math.nan, math.nan) if any(run.failure for run in runs.values()) else value.of(runs)
-    inside = "yes" if value.low <= ours <= value.high else "with its bar" if _near(value, ours, bar) else "no"
+def _row(value: Any, runs: Mapping[str, Run]) -> dict[str, Any]:
+    ours, bar = (math.nan, math.nan) if any(run.failure for run in runs.values()) else of_row(value)(runs)
     return {
-        "test": test, "quantity": value.name, "expected": value.expected, "others": value.others or None,
-        "ours": ours, "bar": bar, "inside": inside,
+        "test": value.test, "quantity": value.quantity, "expected": value.expected, "others": value.others or None,
+        "ours": ours, "bar": bar, "inside": inside(value, ours, bar),
     }  # fmt: skip

@@ -1,30 +1,56 @@
-"""Scenes of `studies.verification.acid`: tests from the literature on structured meshes that are made here."""
+"""Scenes of `studies.verification.acid`: tests from the literature, on structured meshes that are made here."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from functools import partial
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import meshio
 import numpy as np
 
 from ffsi.files.arrays import Floats
-from ffsi.scene import Scene
+from ffsi.scene import Scene, with_values
 
 Name = Callable[[float, float], str]
 """Name of the boundary on which the middle of an edge, or of the region in which a point, lies; empty in none."""
-Place = Callable[[Floats], Floats]
-Scenes = dict[str, Scene]
-
-# Meshes -----------------------------------------------------------------------------------------------------------
 
 
-def grid(
-    path: Path, x: Floats, y: Floats, region: Name, curve: Name, place: Callable[[Floats], Floats] = np.copy
-) -> Path:
-    """Write a mesh of the rectangles between grid lines, each split in two, its points (n, 2) moved by `place`."""
+class Grid(NamedTuple):
+    """A mesh of the rectangles between lines, each split in two."""
+
+    x: Floats
+    y: Floats
+    region: Name
+    curve: Name
+    place: Callable[[Floats], Floats] = np.copy  # moves its points (n, 2)
+
+
+def scenes_of(test: str, table: Mapping[str, Any], folder: Path) -> dict[str, Scene]:
+    """Return the scenes of a test by the names of their runs, its table as in studies/data/acid.toml."""
+    return {name: scene for series in table["series"] for name, scene in _of_series(test, table, series, folder)}
+
+
+def _of_series(
+    test: str, table: Mapping[str, Any], series: Mapping[str, Any], folder: Path
+) -> Iterator[tuple[str, Scene]]:
+    n, step, more = series.get("n", 0), series.get("step", 0.0), series.get("more", {})
+    plan = [(m, 0.0) for m in series.get("meshes", ())] or [(n, step), (2 * n, step), (2 * n, step / 2)]
+    for m, k in plan[-1:] if series.get("finest") else plan:
+        mesh = write(folder / f"{test}{m}{''.join(f'-{value}' for value in more.values())}.msh", GRIDS[test](m, **more))
+        own = {"geometry": {"kind": "mesh", "file": str(mesh), **table["scene"]["geometry"]}}
+        plain = {"name": f"acid-{test}", "output": {"pictures": False, "vtu": False}}
+        scene = Scene.model_validate({**table["scene"], **own, **plain})
+        values = {**series.get("set", {}), **({"time.step": k} if k else {})}
+        yield f"{series['name']}-{m}" + (f"-{k:g}" if k else ""), with_values(scene, values)
+
+
+# Meshes ---------------------------------------------------------------------------------------------------------------
+
+
+def write(path: Path, grid: Grid) -> Path:
+    """Write a mesh in Gmsh's format."""
+    x, y, region, curve, place = grid
     nx, triangles, regions = len(x), [], []
     for j in range(len(y) - 1):
         for i in range(nx - 1):
@@ -74,72 +100,35 @@ def turned(flat: Floats) -> Floats:
     return points
 
 
-def scene(name: str, mesh: Path, regions: Mapping[str, str], boundaries: Mapping[str, Any], **tables: Any) -> Scene:
-    """Return a scene on a mesh of `grid`; its tip is at (x, y)."""
-    x, y = tables.pop("tip")
-    geometry = {"kind": "mesh", "file": str(mesh), "regions": regions, "boundaries": boundaries}
-    geometry["tip"] = {"x": x, "y": y}
-    plain = {"output": {"pictures": False, "vtu": False}}
-    flows = {"outlet": {"kind": "do-nothing"}} if "fluid" in tables else {}
-    return Scene.model_validate({"name": f"acid-{name}", "geometry": geometry, **plain, **flows, **tables})
+def over_floor(
+    sides: tuple[float, float], levels: tuple[float, float], body: tuple[float, float], held: str = "root"
+) -> Name:
+    """Return the curves of a channel between two sides, floor and ceiling, on whose floor a body stands."""
+
+    def curve(x: float, y: float) -> str:
+        if y in levels:
+            return held if y == levels[0] and body[0] < x < body[1] else "walls"
+        return {sides[0]: "in", sides[1]: "out"}.get(x, "")
+
+    return curve
 
 
-def elastic(material: str, density: float, young: float, poisson: float) -> dict[str, Any]:
-    """Return a table of a solid."""
-    return {"material": material, "density": density, "young_modulus": young, "poisson_ratio": poisson}
+INNER, OUTER = 1.0, 2.0  # radii of the cylinder
+SLIT = 0.01  # in the ring's outer wall, rad
 
 
-def three(name: str, make: Callable[[Path, int, float], Scene], folder: Path, step: float, n: int = 1) -> Scenes:
-    """Two meshes and two steps."""
-    return {f"{name}-{m}-{k:g}": make(folder, m, k) for m, k in ((n, step), (2 * n, step), (2 * n, step / 2))}
-
-
-def joined(groups: Iterable[Scenes]) -> Scenes:
-    """Return all scenes of groups."""
-    return {name: one for group in groups for name, one in group.items()}
-
-
-# A cylinder under pressure ------------------------------------------------------------------------------------------
-
-INNER, OUTER, SHEAR, PRESSURE = 1.0, 2.0, 1.0, 0.4
-
-
-def cylinder(folder: Path) -> Scenes:
-    """A quarter of a thick incompressible neo-Hookean cylinder between its lines of symmetry, on three meshes."""
-    law = {"material": "neo-hookean", "formulation": "incompressible", "density": 1.0, "lame_mu": SHEAR}
+def cylinder(n: int) -> Grid:
+    """A quarter of the cylinder, n elements across."""
 
     def curve(r: float, angle: float) -> str:
         return {0.0: "x", np.pi / 2: "y"}.get(angle) or {INNER: "inside", OUTER: "outside"}.get(r, "")
 
-    found = {}
-    for n in (8, 16, 32):
-        radii, angles = np.linspace(INNER, OUTER, n + 1), np.linspace(0, np.pi / 2, 2 * n + 1)
-        mesh = grid(folder / f"cylinder{n}.msh", radii, angles, lambda r, angle: "rubber", curve, turned)
-        found[f"cylinder-{n}"] = scene(
-            "cylinder", mesh, {"rubber": "rubber"}, {"symmetry": ["x", "y"], "loaded": "inside"}, tip=(INNER, 0.0),
-            solid={"rubber": law}, loads={"inside": {"pressure": PRESSURE}},
-        )  # fmt: skip
-    return found
+    radii, angles = np.linspace(INNER, OUTER, n + 1), np.linspace(0, np.pi / 2, 2 * n + 1)
+    return Grid(radii, angles, lambda r, angle: "rubber", curve, turned)
 
 
-# Ring in a fluid ----------------------------------------------------------------------------------------------------
-
-SWINGS = {14: (0.05, 10.4), 140: (0.07, 14.28), 1400: (0.18, 36.0)}  # step and end of each density, four periods
-SLIT = 0.01
-AMPLITUDE = 5e-4
-
-
-def ring(folder: Path) -> Scenes:
-    """Two meshes and two steps of each density of the fluid."""
-    return joined(three(f"ring-{rho}", partial(_ring, rho), folder, SWINGS[rho][0], 2) for rho in SWINGS)
-
-
-def _ring(rho: float, folder: Path, n: int, step: float) -> Scene:
-    """A quarter of ring and fluid, let go in its second mode.
-
-    A fluid needs an inlet and an outlet: one edge at which nothing flows in, and a slit at 45 degrees, where the mode
-    has no pressure, with a resistance that lets nothing out.
-    """
+def ring(n: int) -> Grid:
+    """A quarter of ring and fluid, n elements across the ring."""
     half = np.linspace(0, (np.pi / 2 - SLIT) / 2, 4 * n + 1)
     angles = np.concatenate([half, np.pi / 2 - half[::-1]])
     radii = np.concatenate([np.linspace(0.95, 1.05, n + 1)[:-1], dense(1.05, 1.5, 5 * n, 0.9)])
@@ -149,32 +138,10 @@ def _ring(rho: float, folder: Path, n: int, step: float) -> Scene:
             return {0.0: "x", np.pi / 2: "y"}.get(angle, "")
         return "slit" if abs(angle - np.pi / 4) < SLIT / 2 else "rest" if angle < angles[1] else "wall"
 
-    mesh = grid(folder / f"ring{n}.msh", radii, angles, lambda r, angle: "ring" if r < 1.05 else "water", curve, turned)
-    cubed, turn = f"{AMPLITUDE}/sqrt(x^2+y^2)^3", "(1.5*sqrt(x^2+y^2)-2)"
-    return scene(
-        "ring", mesh, {"fluid": "water", "ring": "ring"},
-        {"inlet": "rest", "outlet": "slit", "walls": "wall", "symmetry": ["x", "y"]}, tip=(1.05, 0.0),
-        fluid={"density": rho, "viscosity": 1e-3 * rho}, solid={"ring": elastic("linear-elastic", 1000.0, 1e6, 0.3)},
-        inflow={"mean_velocity": 0.0}, outlet={"kind": "resistance", "resistance": 1e9},
-        start={
-            "displacement_x": f"{cubed}*x*(x^2-y^2-2*y^2*{turn})",
-            "displacement_y": f"{cubed}*y*(x^2-y^2+2*x^2*{turn})",
-        },
-        time={"scheme": "crank-nicolson", "step": step, "end": SWINGS[int(rho)][1]},
-    )  # fmt: skip
+    return Grid(radii, angles, lambda r, angle: "ring" if r < 1.05 else "water", curve, turned)
 
 
-# Collapsible channel ------------------------------------------------------------------------------------------------
-
-WALLS = {"1": 1.0, "0.1": 0.1, "massless": 1e-3}
-
-
-def collapsible(folder: Path) -> Scenes:
-    """Two meshes and two steps of each density of the wall."""
-    return joined(three(f"collapsible-{name}", partial(_collapsible, WALLS[name]), folder, 0.0125) for name in WALLS)
-
-
-def _collapsible(rho: float, folder: Path, n: int, step: float) -> Scene:
+def collapsible(n: int) -> Grid:
     """A channel whose roof gives way, one element thick."""
 
     def region(x: float, y: float) -> str:
@@ -187,26 +154,36 @@ def _collapsible(rho: float, folder: Path, n: int, step: float) -> Scene:
 
     up, down = np.linspace(1, 0, 6 * n + 1) ** 1.6, np.linspace(0, 1, 8 * n + 1) ** 1.6
     x = np.concatenate([5 - 5 * up, dense(5, 15, 16 * n)[1:], 15 + 10 * down[1:]])
-    mesh = grid(folder / f"collapsible{n}.msh", x, np.array([*dense(0, 1, 5 * n), 1.05]), region, curve)
-    return scene(
-        "collapsible", mesh, {"fluid": "water", "wall": "wall"},
-        {"inlet": "in", "outlet": "out", "walls": "rigid", "clamped": "ends", "loaded": "above"}, tip=(10.0, 1.0),
-        fluid={"density": 1.0, "viscosity": 0.02}, solid={"wall": elastic("st-venant-kirchhoff", rho, 4.55e8, 0.3)},
-        loads={"above": {"pressure": 200.0, "waveform": "(1-cos(4*pi*min(t,0.25)))/2"}},
-        inlet={"in": {"pressure": 6.0, "direction": "normal"}}, start={"velocity_x": "6*y*max(1-y,0)"},
-        time={"step": step, "end": 1.5},
-    )  # fmt: skip
+    return Grid(x, np.array([*dense(0, 1, 5 * n), 1.05]), region, curve)
 
 
-# Lid-driven cavity with a flexible bottom, group B ------------------------------------------------------------------
+def leaflet(n: int, thick: float) -> Grid:
+    """The channel with 2 elements across the leaflet, whose thickness is in m."""
+    half = thick / 2
+    up, down = widening(0.04 / n, 1.2, 0.5 / n, 1 - half), widening(0.04 / n, 1.15, 0.24 / n, 7 - half)
+    x = np.round(np.concatenate([1 - half - up[::-1], [1.0], 1 + half + down]), 12)
+    y = np.concatenate([np.linspace(0, 0.5, 8 * n + 1), 0.5 + widening(1 / 32 / n, 1.2, 0.12 / n, 0.5)[1:]])
+    curve = over_floor((0.0, 8.0), (0.0, 1.0), (1 - half, 1 + half))
+    return Grid(x, y, lambda x, y: "leaflet" if abs(x - 1) < half and y < 0.5 else "water", curve)
 
 
-def mok(folder: Path, end: float = 45.0) -> Scenes:
-    """Two meshes and two steps."""
-    return three("mok", partial(_mok, end), folder, 0.1, 16)
+def blob(n: int) -> Grid:
+    """A half disk on the floor: a rectangle of the grid, bent with what is around it."""
+
+    def bent(flat: Floats) -> Floats:
+        away = flat - [1.5, -0.5]
+        size = np.abs(away).max(axis=1)
+        weight = np.clip(np.where(size < 0.5, 2 * size, 2 - 2 * size), 0, 1)
+        return np.asarray(flat + away * (weight * (size / np.maximum(np.hypot(*away.T), 1e-9) - 1))[:, None])
+
+    down = 2 + 4.5 * np.linspace(0, 1, 8 * n + 1) ** 1.3
+    x = np.concatenate([np.linspace(0, 1, 4 * n + 1), np.linspace(1, 2, 6 * n + 1)[1:], down[1:]])
+    y = np.concatenate([np.linspace(-0.5, 0, 3 * n + 1), np.linspace(0, 1, 5 * n + 1)[1:]])
+    curve = over_floor((0.0, 6.5), (-0.5, 1.0), (1.0, 2.0), "base")
+    return Grid(x, y, lambda x, y: "blob" if 1 < x < 2 and y < 0 else "water", curve, bent)
 
 
-def _mok(end: float, folder: Path, n: int, step: float) -> Scene:
+def mok(n: int) -> Grid:
     """The cavity with n x n rectangles, and its membrane of two rows under it."""
     thick = 0.002
 
@@ -217,114 +194,19 @@ def _mok(end: float, folder: Path, n: int, step: float) -> Scene:
 
     lines = np.linspace(0, 1, n + 1)
     rows = np.concatenate([[-thick, -thick / 2], lines])
-    mesh = grid(folder / f"mok{n}.msh", lines, rows, lambda x, y: "water" if y > 0 else "membrane", curve)
-    return scene(
-        "mok", mesh, {"fluid": "water", "bottom": "membrane"},
-        {"inlet": "in", "outlet": "out", "walls": ["sides", "lid"], "clamped": "ends"}, tip=(0.5, -thick / 2),
-        walls={"lid": {"velocity_x": 1.0}}, fluid={"density": 1.0, "viscosity": 0.01},
-        solid={"bottom": elastic("st-venant-kirchhoff", 500.0, 250.0, 0.0)},
-        inflow={"mean_velocity": 0.5, "profile": "2*y/H", "waveform": "1-cos(2*pi*t/5)", "period": 5.0},
-        time={"step": step, "end": end, "checkpoint_interval": 5.0},
-    )  # fmt: skip
+    return Grid(lines, rows, lambda x, y: "water" if y > 0 else "membrane", curve)
 
 
-# Perpendicular flap -------------------------------------------------------------------------------------------------
-
-
-def flap(folder: Path) -> Scenes:
-    """Two meshes and two steps, of a linear elastic solid."""
-    return three("flap", _flap, folder, 0.02)
-
-
-def _flap(folder: Path, n: int, step: float) -> Scene:
+def flap(n: int) -> Grid:
     """The channel with 2 n elements across the flap."""
     half = 0.05
-
-    def curve(x: float, y: float) -> str:
-        if y in (0.0, 4.0):
-            return "root" if y == 0 and abs(x) < half else "walls"
-        return {-3.0: "in", 3.0: "out"}.get(x, "")
-
     away = half + (3 - half) * np.linspace(0, 1, 12 * n + 1) ** 2
     x = np.concatenate([-away[::-1], np.linspace(-half, half, 2 * n + 1)[1:-1], away])
     y = np.concatenate([np.linspace(0, 1, 10 * n + 1), 1 + 3 * np.linspace(0, 1, 8 * n + 1)[1:] ** 1.5])
-    mesh = grid(folder / f"flap{n}.msh", x, y, lambda x, y: "steel" if abs(x) < half and y < 1 else "water", curve)
-    return scene(
-        "flap", mesh, {"fluid": "water", "flap": "steel"},
-        {"inlet": "in", "outlet": "out", "walls": "walls", "clamped": "root"}, tip=(0.0, 1.0),
-        fluid={"density": 1.0, "viscosity": 1.0}, solid={"flap": elastic("linear-elastic", 3000.0, 4e6, 0.3)},
-        inflow={"mean_velocity": 10.0, "profile": "uniform"}, time={"step": step, "end": 2.6},
-    )  # fmt: skip
+    curve = over_floor((-3.0, 3.0), (0.0, 4.0), (-half, half))
+    return Grid(x, y, lambda x, y: "steel" if abs(x) < half and y < 1 else "water", curve)
 
 
-# Blob in treacle ----------------------------------------------------------------------------------------------------
-
-
-def blob(folder: Path) -> Scenes:
-    """Steady on two meshes; to 1 s on two meshes and with two steps."""
-    return {f"blob-{n}": _blob(folder, n) for n in (2, 4)} | three("blob-1s", _blob, folder, 0.05)
-
-
-def _blob(folder: Path, n: int, step: float = 0.0) -> Scene:
-    """A half disk on the floor: a rectangle of the grid, bent with what is around it."""
-
-    def bent(flat: Floats) -> Floats:
-        away = flat - [1.5, -0.5]
-        size = np.abs(away).max(axis=1)
-        weight = np.clip(np.where(size < 0.5, 2 * size, 2 - 2 * size), 0, 1)
-        return np.asarray(flat + away * (weight * (size / np.maximum(np.hypot(*away.T), 1e-9) - 1))[:, None])
-
-    def curve(x: float, y: float) -> str:
-        if y == -0.5:
-            return "base" if 1 < x < 2 else "walls"
-        return {0.0: "in", 6.5: "out"}.get(x) or {1.0: "walls"}.get(y, "")
-
-    down = 2 + 4.5 * np.linspace(0, 1, 8 * n + 1) ** 1.3
-    x = np.concatenate([np.linspace(0, 1, 4 * n + 1), np.linspace(1, 2, 6 * n + 1)[1:], down[1:]])
-    y = np.concatenate([np.linspace(-0.5, 0, 3 * n + 1), np.linspace(0, 1, 5 * n + 1)[1:]])
-    mesh = grid(folder / f"blob{n}.msh", x, y, lambda x, y: "blob" if 1 < x < 2 and y < 0 else "water", curve, bent)
-    law = {"material": "linear-elastic", "density": 1.0, "lame_lambda": 500.0, "lame_mu": 50.0}
-    in_time: dict[str, Any] = {"time": {"step": step, "end": 1.0}} if step else {}
-    return scene(
-        "blob", mesh, {"fluid": "water", "blob": "blob"},
-        {"inlet": "in", "outlet": "out", "walls": "walls", "clamped": "base"}, tip=(1.5, 0.0),
-        fluid={"density": 1.0, "viscosity": 1.0}, solid={"blob": law},
-        inflow={"mean_velocity": 0.75} | ({"ramp": 2.0} if step else {}), **in_time,
-    )  # fmt: skip
-
-
-# Leaflet in a channel -----------------------------------------------------------------------------------------------
-
-THICK = (0.05, 0.025, 0.0125)
-
-
-def leaflet(folder: Path) -> Scenes:
-    """Two meshes and two steps of the middle thickness, and the finest of them of the others."""
-    every = joined(three(f"leaflet-{h}", partial(_leaflet, h), folder, 0.02) for h in THICK)
-    return {name: one for name, one in every.items() if f"-{THICK[1]}-" in name or name.endswith("-2-0.01")}
-
-
-def _leaflet(thick: float, folder: Path, n: int, step: float) -> Scene:
-    """A leaflet of a beam's bending stiffness and mass per length at every thickness, two elements across."""
-    half, ratio = thick / 2, THICK[0] / thick
-
-    def curve(x: float, y: float) -> str:
-        if y in (0.0, 1.0):
-            return "root" if y == 0 and abs(x - 1) < half else "walls"
-        return {0.0: "in", 8.0: "out"}.get(x, "")
-
-    up, down = widening(0.04 / n, 1.2, 0.5 / n, 1 - half), widening(0.04 / n, 1.15, 0.24 / n, 7 - half)
-    x = np.round(np.concatenate([1 - half - up[::-1], [1.0], 1 + half + down]), 12)
-    y = np.concatenate([np.linspace(0, 0.5, 8 * n + 1), 0.5 + widening(1 / 32 / n, 1.2, 0.12 / n, 0.5)[1:]])
-    mesh = grid(
-        folder / f"leaflet{thick}-{n}.msh", x, y, lambda x, y: "leaflet" if abs(x - 1) < half and y < 0.5 else "water",
-        curve,
-    )  # fmt: skip
-    return scene(
-        "leaflet", mesh, {"fluid": "water", "leaflet": "leaflet"},
-        {"inlet": "in", "outlet": "out", "walls": "walls", "clamped": "root"}, tip=(1.0, 0.5),
-        fluid={"density": 1.0, "viscosity": 0.005},
-        solid={"leaflet": elastic("st-venant-kirchhoff", ratio, 4550 * ratio**3, 0.3)},
-        inflow={"mean_velocity": 1.0, "ramp": 1.0, "waveform": "1.5-0.5*cos(pi*t)", "period": 2.0},
-        mesh_motion={"kind": "hyperelastic"}, time={"step": step, "end": 1.0},
-    )  # fmt: skip
+GRIDS: Mapping[str, Callable[..., Grid]] = {
+    make.__name__: make for make in (cylinder, ring, collapsible, leaflet, blob, mok, flap)
+}
