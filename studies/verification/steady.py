@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -17,11 +16,14 @@ from studies.harness import Run, Study, solved
 from studies.tables import Column, TextTable, columns, markdown, number, percent, table, unsigned
 from studies.verification.sources import COLUMNS, compared, reference_sets
 
-CSV, MARKDOWN = "verification.csv", "verification.md"
+BLOCK, CSV, MARKDOWN = "verification", "verification.csv", "verification.md"
 EXPLANATION = (
     "Errors are (value - reference) / |reference|. Seconds: all that `ffsi run` does, with check and pictures. "
     "Largest check: the largest relative residual or difference that the independent checker finds."
 )
+SIZES = columns("level | unknowns | seconds :.1f")
+CHECK = Column("largest check", "check", "{:.0e}")
+TIP = "tip_uy"
 Parts = list[str | TextTable]
 
 
@@ -43,11 +45,9 @@ class Variant:
 class Section:
     """A part of the verification."""
 
-    block: str  # name of its block in docs/results.md
     title: str  # heading in `verification.md`; empty for the first section
     variants: Sequence[Variant]  # what runs
-    full: Callable[[Sequence[Run]], Parts]  # tables and texts of all runs
-    brief: Callable[[Sequence[Run]], Parts]  # what docs/results.md shows of them
+    parts: Callable[[Sequence[Run]], Parts]  # tables and texts of all runs
 
 
 def measure(variant: Variant, level: int) -> Run:
@@ -88,17 +88,37 @@ def by_variant(runs: Iterable[Run]) -> list[list[Run]]:
     return [sorted(group, key=lambda run: run.level) for group in groups.values()]
 
 
-def _row(run: Run) -> dict[str, Any]:
-    """Return what every table has of a run."""
-    return {
-        "case": run.name, "level": run.level, "unknowns": run.data.get("unknowns"),
-        "seconds": f"failed ({run.failure})" if run.failure else run.timings.get("total"), "check": run.check_maximum,
-        **{name: run.value(name) for name in COLUMNS},
-    }  # fmt: skip
+def rows_of(runs: Iterable[Run]) -> list[dict[str, Any]]:
+    """Return what tables have of each run: sizes, values, changes from the level before, errors against each source.
+
+    With `NAME exact` and `NAME error` of the first source, and what the values of a variant on the levels are called.
+    """
+    rows = []
+    for own in by_variant(runs):
+        sources = compared(own[0].name, own[0].variant)
+        for before, run in zip([None, *own], own, strict=False):
+            row: dict[str, Any] = {name: run.value(name) for name in COLUMNS} | {
+                "case": run.name, "text": TEXTS.get(run.variant), "level": run.level, "check": run.check_maximum,
+                "unknowns": run.data.get("unknowns"),
+                "seconds": f"failed ({run.failure})" if run.failure else run.timings.get("total"),
+                "errors": ", ".join(f"{item.source} {percent(item.error(TIP, run.value(TIP)))}" for item in sources),
+                "change": unsigned(run.value(TIP) / before.value(TIP) - 1) if before else None,
+            }  # fmt: skip
+            for name, difference in (differences(before, run) if before else {}).items():
+                row[f"{name} change"] = unsigned(difference)
+            for name in COLUMNS if sources else ():
+                row[f"{name} exact"] = sources[0].values.get(name)
+                row[f"{name} error"] = sources[0].error(name, run.value(name))
+            rows.append(row)
+    return rows
 
 
-SIZES = columns("level | unknowns | seconds :.1f")
-CHECK = Column("largest check", "check", "{:.0e}")
+def differences(coarse: Run, fine: Run) -> dict[str, float]:
+    """Return the sizes of the relative differences of the tip's displacement (a vector) and of the drag."""
+    first, second = ([run.value(name) for name in ("tip_ux", TIP)] for run in (coarse, fine))
+    drag = abs(coarse.value("drag") / fine.value("drag") - 1)
+    return {"tip": math.dist(first, second) / math.hypot(*second), "drag": drag}
+
 
 # The catalogue's cases that have published values -------------------------------------------------------------------
 
@@ -108,16 +128,15 @@ CAVITY = "cavity-flexible-floor"
 CAVITY_TITLE = "Channel over a cavity with a flexible floor, beside every published value:"
 
 
-def error_table(runs: Iterable[Run]) -> TextTable:
+def error_table(runs: Sequence[Run]) -> TextTable:
     """Return one row per run and source: unknowns, seconds, errors, the checker's largest number."""
     rows = [
-        _row(run)
-        | {"source": source.source}
-        | {f"error {COLUMNS[name]}": error for name, error in source.errors(run.quantities).items()}
+        row | {"source": source.source} | {COLUMNS[name]: x for name, x in source.errors(run.quantities).items()}
         for run in runs
+        for row in rows_of([run])
         for source in compared(run.name, run.variant)
     ]
-    errors = [Column(head, f"error {head}", "%") for head in dict.fromkeys(COLUMNS.values())]
+    errors = columns(" | ".join(f"{head} :%" for head in dict.fromkeys(COLUMNS.values())))
     return table(rows, [*columns("case | compared with = source"), *SIZES, *errors, CHECK], left=2)
 
 
@@ -133,7 +152,7 @@ def cavity_table(runs: Iterable[Run]) -> TextTable:
     return table(rows, columns("source | u_y(4, -1) in m = tip_uy :.5f | F_y in N/m = lift :.4f"))
 
 
-def brief_benchmarks(runs: Sequence[Run]) -> Parts:
+def brief(runs: Sequence[Run]) -> Parts:
     """Return every level of the cases in `FINEST`, level 2 (or the finest run) of the others; the cavity's finest."""
     chosen, cavity = [], [own[-2:] for own in by_variant(runs) if own[0].name == CAVITY]
     for own in by_variant(runs):
@@ -143,14 +162,11 @@ def brief_benchmarks(runs: Sequence[Run]) -> Parts:
 
 
 BENCHMARKS = Section(
-    "verification", "",
-    [Variant(case, levels=range(FINEST.get(case, 3) + 1)) for case in CASES.steady if reference_sets(case)],
-    lambda runs: [error_table(runs), CAVITY_TITLE, cavity_table(runs)], brief_benchmarks,
+    "", [Variant(case, levels=range(FINEST.get(case, 3) + 1)) for case in CASES.steady if reference_sets(case)],
+    lambda runs: [error_table(runs), CAVITY_TITLE, cavity_table(runs)],
 )  # fmt: skip
 
 # Cook's membrane ----------------------------------------------------------------------------------------------------
-
-TIP = "tip_uy"
 
 
 def _membrane(name: str, text: str, young: float, poisson: float, *more: str, **options: Any) -> Variant:
@@ -171,7 +187,6 @@ NEARLY_INCOMPRESSIBLE = _membrane("nearly-incompressible", _TEXT, *_NEARLY, _MIX
 _NAME = f"{NEARLY_INCOMPRESSIBLE.name}-displacement"
 DISPLACEMENT = _membrane(_NAME, "the same in displacements only", *_NEARLY, levels=(0,))
 MEMBRANES = (LINEAR, NEO_HOOKEAN, INCOMPRESSIBLE, NEARLY_INCOMPRESSIBLE, DISPLACEMENT)
-TEXTS = {variant.name: variant.text for variant in MEMBRANES}
 COOK_TEXT = (
     "Cook's membrane, u_y(48, 60) in m; E and the traction t in Pa. Linear elasticity: u_y / t at two small loads, "
     "extrapolated to none."
@@ -184,15 +199,8 @@ REASON = (
 
 def membrane_table(runs: Iterable[Run]) -> TextTable:
     """Return one row per run: u_y, its change from the level before, the errors, the checker's largest number."""
-    rows = []
-    for own in by_variant(runs):
-        for before, run in zip([None, *own], own, strict=False):
-            value, sources = run.value(TIP), compared(run.name, run.variant)
-            change = unsigned(value / before.value(TIP) - 1) if before else None
-            errors = ", ".join(f"{source.source} {percent(source.error(TIP, value))}" for source in sources)
-            rows.append(_row(run) | {"text": TEXTS[run.variant], "change": change, "errors": errors})
     mine = columns(f"u_y = {TIP} :.5g | change | error against = errors")
-    return table(rows, [Column("membrane", "text"), *SIZES, *mine, CHECK])
+    return table(rows_of(runs), [Column("membrane", "text"), *SIZES, *mine, CHECK])
 
 
 def published_table() -> TextTable:
@@ -206,23 +214,7 @@ def published_table() -> TextTable:
     return TextTable(("membrane", "source", "u_y"), rows, left=2)
 
 
-def membrane_levels(runs: Sequence[Run]) -> TextTable:
-    """Return one row per variant: published values, u_y by level, the error on the finest mesh."""
-    levels = sorted({run.level for run in runs})
-    rows = []
-    for own in by_variant(runs):
-        values, sources = {run.level: run.value(TIP) for run in own}, compared("cook", own[0].variant)
-        published = ", ".join(number(source.values[TIP], "{:.5g}") for source in sources)
-        errors = ", ".join(percent(source.error(TIP, own[-1].value(TIP))) for source in sources)
-        cells = [number(values.get(level), "{:.5g}") for level in levels]
-        rows.append((TEXTS[own[0].variant], published, *cells, errors))
-    return TextTable(("membrane", "published", *(f"level {level}" for level in levels), "error, finest mesh"), rows)
-
-
-COOK = Section(
-    "cook", "Cook's membrane", MEMBRANES, lambda runs: [COOK_TEXT, membrane_table(runs), REASON, published_table()],
-    lambda runs: [COOK_TEXT, membrane_levels(runs), REASON],
-)  # fmt: skip
+COOK = Section("Cook's membrane", MEMBRANES, lambda runs: [COOK_TEXT, membrane_table(runs), REASON, published_table()])
 
 # The slender cantilever with a dead load at its tip -----------------------------------------------------------------
 
@@ -237,24 +229,15 @@ ELASTICA_TEXT = (
 
 def load_table(runs: Iterable[Run]) -> TextTable:
     """Return one row per run: deflection and shortening with their errors, the checker's largest number."""
-    rows = []
-    for run in runs:
-        (source,) = reference_sets("cantilever", run.variant)
-        row = _row(run) | {"load": run.variant.removeprefix("load-")}
-        for name, sign in ((TIP, 1), ("tip_ux", -1)):
-            value = run.value(name)
-            found = (sign * value, sign * source.values[name], sign * source.error(name, value))
-            row |= dict(zip((name, f"{name}_exact", f"{name}_error"), found, strict=True))
-        rows.append(row)
-    tip = "{1} = {0} :.6f | elastica = {0}_exact :.6f | error = {0}_error :%"
-    both = [*columns(tip.format(TIP, "w/L")), *columns(tip.format("tip_ux", "u/L"))]
-    return table(rows, [Column("P L² / (E I)", "load"), *SIZES, *both, CHECK])
+    rows = rows_of(runs)
+    for row in rows:  # the tip moves backwards
+        row |= {name: -row[name] for name in ("tip_ux", "tip_ux exact", "tip_ux error")}
+    tip = "{1} = {0} :.6f | elastica = {0} exact :.6f | error = {0} error :%"
+    both = columns(f"{tip.format(TIP, 'w/L')} | {tip.format('tip_ux', 'u/L')}")
+    return table(rows, [Column("P L² / (E I)", "text"), *SIZES, *both, CHECK])
 
 
-ELASTICA = Section(
-    "elastica", "Cantilever and elastica", LOADS, lambda runs: [ELASTICA_TEXT, load_table(runs)],
-    lambda runs: [ELASTICA_TEXT, load_table(own[-1] for own in by_variant(runs))],
-)  # fmt: skip
+ELASTICA = Section("Cantilever and elastica", LOADS, lambda runs: [ELASTICA_TEXT, load_table(runs)])
 
 # The paper's flaps, of which nobody published values ----------------------------------------------------------------
 
@@ -270,74 +253,39 @@ FLAPS_TEXT = (
 FLAP_VALUES = columns("u_x in m = tip_ux :.5g | u_y in m = tip_uy :.5g | drag in N/m = drag :.5g")
 
 
-def differences(coarse: Run, fine: Run) -> dict[str, float]:
-    """Return the sizes of the relative differences of the tip's displacement (a vector) and of the drag."""
-    first, second = ([run.value(name) for name in ("tip_ux", "tip_uy")] for run in (coarse, fine))
-    drag = abs(coarse.value("drag") / fine.value("drag") - 1)
-    return {"tip": math.dist(first, second) / math.hypot(*second), "drag": drag}
-
-
 def flap_table(runs: Iterable[Run]) -> TextTable:
     """Return one row per run: tip, drag, their differences from the level before, the checker's largest number."""
-    rows = []
-    for own in by_variant(runs):
-        for before, run in zip([None, *own], own, strict=False):
-            found = differences(before, run) if before else {}
-            rows.append(_row(run) | {f"{name}_change": unsigned(value) for name, value in found.items()})
-    changes = columns("tip = tip_change | drag = drag_change")
-    return table(rows, [Column("case", "case"), *SIZES, *FLAP_VALUES, *changes, CHECK])
+    changes = columns("tip = tip change | drag = drag change")
+    return table(rows_of(runs), [Column("case", "case"), *SIZES, *FLAP_VALUES, *changes, CHECK])
 
 
-def difference_table(runs: Sequence[Run]) -> TextTable:
-    """Return one row per case: the finest values, and all differences between successive levels."""
-    rows = []
-    for own in by_variant(runs):
-        row = _row(own[-1])
-        for coarse, fine in pairwise(own):
-            found = differences(coarse, fine)
-            row |= {f"{name} {coarse.level}-{fine.level}": unsigned(value) for name, value in found.items()}
-        rows.append(row)
-    steps = list(pairwise(sorted({run.level for run in runs})))
-    names = [f"{name} {coarse}-{fine}" for name in ("tip", "drag") for coarse, fine in steps]
-    return table(rows, [Column("case", "case"), *FLAP_VALUES, *columns("|".join(names))])
-
-
-FLAP_LEVELS = Section(
-    "flap-levels", "Flaps over the mesh levels", FLAPS, lambda runs: [FLAPS_TEXT, flap_table(runs)],
-    lambda runs: [FLAPS_TEXT, difference_table(runs)],
-)  # fmt: skip
+FLAP_LEVELS = Section("Flaps over the mesh levels", FLAPS, lambda runs: [FLAPS_TEXT, flap_table(runs)])
 
 # All of it ----------------------------------------------------------------------------------------------------------
 
 SECTIONS = (BENCHMARKS, COOK, ELASTICA, FLAP_LEVELS)
+TEXTS = {variant.name: variant.text for section in SECTIONS for variant in section.variants}
 
 
 def main(*, out: Path | None = None, readme: Path | None = None) -> list[str]:
     """Run every section, print its tables, and write them down."""
-    text = readme.read_text(encoding="utf-8") if readme and readme.is_file() else ""
-    shown = [section for section in SECTIONS if f"<!-- {section.block}:begin -->" in text]
-    blocks = [BENCHMARKS.block, *(section.block for section in shown)]
-    study = Study("verify", out, readme, blocks)
-    done: dict[str, list[Run]] = {}
+    study = Study("verify", out, readme, [BLOCK])
+    done = [[measure(item, level) for item in section.variants for level in item.levels] for section in SECTIONS]
     parts: Parts = []
-    for section in SECTIONS:
-        own = done[section.block] = [measure(item, level) for item in section.variants for level in item.levels]
-        parts += [*([f"## {section.title}"] if section.title else []), *(full := section.full(own))]
+    for section, own in zip(SECTIONS, done, strict=True):
+        parts += [*([f"## {section.title}"] if section.title else []), *(full := section.parts(own))]
         for part in full:
             if isinstance(part, str):
                 show.note(part)
             else:
                 part.print()
-    runs = [run for own in done.values() for run in own]
+    runs = [run for own in done for run in own]
     written = study.written(run.data for run in runs)
     document = markdown(["# Verification", written, EXPLANATION, *parts]) + "\n"
     study.write({CSV: lambda: to_frame(runs), MARKDOWN: lambda: document})
+    errors, *cavity = brief(done[0])  # behind its table the block says who wrote it
     said = f"{written} {EXPLANATION}{study.links('All levels', [MARKDOWN])}"
-    brief: dict[str, str] = {}
-    for section in shown:  # behind its table the first block says who wrote them
-        first, *rest = section.brief(done[section.block])
-        brief[section.block] = markdown([first, *([] if brief else [said]), *rest])
-    return study.publish([run.failure for run in runs], brief)
+    return study.publish([run.failure for run in runs], {BLOCK: markdown([errors, said, *cavity])})
 
 
 def to_frame(runs: Iterable[Run]) -> pd.DataFrame:
