@@ -8,7 +8,7 @@ from typing import Literal
 Role = Literal["inlet", "outlet", "no-slip", "interface", "clamped", "free", "loaded", "supported", "slip"]
 
 INLET, OUTLET, WALLS, CYLINDER, SURFACE, CLAMPED, OUTER, LEFT_LIP, RIGHT_LIP, ROOF, ROOF_ENDS, LOADED = range(1, 13)
-INNER_WALL, OUTER_WALL, DOME_WALL, SUPPORTED, SLIP_X, SLIP_Y = range(13, 19)
+INNER_WALL, OUTER_WALL, DOME_WALL, SUPPORTED, SLIP_X, SLIP_Y, SLIP = range(13, 20)
 STRUTS = 20  # the first strut of a stent, the others follow
 LOADS = 20  # the first load in a mesh of the user's own, the others follow
 MOVING = 30  # the first moving wall in a mesh of the user's own, the others follow

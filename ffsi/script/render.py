@@ -18,7 +18,7 @@ from jinja2 import Environment, FileSystemBytecodeCache, FileSystemLoader, Stric
 from jinja2.bccache import Bucket
 
 from ffsi.scene import CASES, Boundary, Scene, boundaries
-from ffsi.scene.boundaries import SLIP_X, SLIP_Y, STRUTS
+from ffsi.scene.boundaries import SLIP, SLIP_X, SLIP_Y, STRUTS
 from ffsi.scene.flow import WOMERSLEY
 from ffsi.scene.geometry import Aneurysm, ChannelGeometry
 from ffsi.scene.geometry.mesh import STORED
@@ -207,6 +207,7 @@ def _context(scene: Scene, mumps: bool) -> dict[str, Any]:
         "movingLabels": [b.label for b in outline if b.moving],
         "slipAcrossX": [b.label for b in outline if b.label == SLIP_X],
         "slipAcrossY": [b.label for b in outline if b.label == SLIP_Y],
+        "slipInclined": [b.label for b in outline if b.label == SLIP],
         "bentLabels": [b.label for b in outline if b.circle and b.role == "no-slip"],
         "inletLabels": _labels(outline, "inlet"),
         "outletLabels": _labels(outline, "outlet"),
@@ -324,6 +325,7 @@ def _structure(scene: Scene, *, parts: bool, varying: bool) -> list[str]:
         "hasSupport": held,
         "hasBends": bends,
         "hasSlip": any(b.role == "slip" for b in boundaries(scene)),
+        "hasInclinedSlip": any(b.label == SLIP for b in boundaries(scene)),
         "hasMovingWalls": scene.walls,
         "hasDisplacedWalls": any(wall.displaced for wall in scene.walls.values()),
         "hasLoads": scene.loads or scene.traction,

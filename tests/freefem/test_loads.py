@@ -144,8 +144,8 @@ def test_a_plate_that_is_pulled(material, plane, tmp_path):
 
 # A wrong sign does not pass.
 WRONG = {
-    "steady": ("m = -1.*m; AddBlock(m, fieldFrom[momentumY], uxFrom, free);",
-        "AddBlock(m, fieldFrom[momentumY], uxFrom, free);"),
+    "steady": ("m = -1.*m; AddBlock(m, fieldFrom[momentumY], uxFrom, tested);",
+        "AddBlock(m, fieldFrom[momentumY], uxFrom, tested);"),
     "normal": ("loadNormalX[j]; loadForceX -=", "loadNormalX[j]; loadForceX +="),
     "in time": ("AddProduct(loadTurn[j], p, mean", "AddProduct(loadTurn[j], -p, mean"),
     "waveform": ("SetLoadFactors(timeNow+timeTheta*timeK);", "SetLoadFactors(timeNow+timeK);"),

@@ -87,7 +87,15 @@ def test_walls_carry_the_fluid_along(waveform, tmp_path):
     np.testing.assert_allclose(state.v[:, 0], 3 * factor * mesh.p2_coordinates[:, 1], rtol=0, atol=error)
 
 
-def flap(folder, half: bool, **tables) -> Scene:
+ANGLE = 0.3
+TURN = np.array([[np.cos(ANGLE), np.sin(ANGLE)], [-np.sin(ANGLE), np.cos(ANGLE)]])
+
+
+def turned(mesh):
+    return type(mesh)(mesh.vertices @ TURN, mesh.triangles, mesh.region, mesh.edges, mesh.label, mesh.p2)
+
+
+def flap(folder, half: bool, turn: bool = False, **tables) -> Scene:
     """An elastic block behind a rigid one in a channel; or the lower half of all, cut at the line of symmetry."""
     x, y = np.linspace(0, 3, 13), np.linspace(0, 1, 9)
     y = y[y < 0.51] if half else y
@@ -105,7 +113,7 @@ def flap(folder, half: bool, **tables) -> Scene:
         return {0.0: 1, 3.0: 2}.get(x, 3 if x < 1 else 5)
 
     mesh = structured_mesh(x, y, region, label)
-    path = write_mesh(folder / f"flap{half}.msh", mesh, {"water": 1, "block": 2}, NAMES)
+    path = write_mesh(folder / f"flap{half}{turn}.msh", turned(mesh) if turn else mesh, {"water": 1, "block": 2}, NAMES)
     sides = {"inlet": "in", "outlet": "out", "walls": "low", "clamped": "ends"}
     sides |= {"symmetry": "high"} if half else {}
     profile = {"profile": "6*y*(1-y)"}
@@ -187,18 +195,65 @@ def test_refused(sides, walls, text, tmp_path):
         channel(tmp_path, sides, walls=walls)
 
 
-def test_a_slip_wall_along_no_axis_is_refused(tmp_path):
+MOTIONS = {"steady": {}, "in time": {"time": {"step": 0.02, "end": 0.1}}}
+MOTIONS["hyperelastic, in time"] = {**MOTIONS["in time"], "mesh_motion": {"kind": "hyperelastic"}}
+
+
+@pytest.mark.parametrize("tables", MOTIONS.values(), ids=MOTIONS)
+def test_a_turned_scene_with_a_line_of_symmetry_is_turned(tables, tmp_path):
+    straight, inclined = (solve(flap(tmp_path, True, turn, **tables), tmp_path / str(turn)) for turn in (False, True))
+    assert straight.checked and inclined.checked, inclined.reason
+    (mesh, state), (other, of_turned) = state_of(straight), state_of(inclined)
+    np.testing.assert_allclose(mesh.p2_coordinates @ TURN, other.p2_coordinates, atol=1e-12)
+    for field in ("u", "v"):
+        values = getattr(state, field) @ TURN
+        assert np.abs(values).max() > 1e-3
+        np.testing.assert_allclose(getattr(of_turned, field), values, rtol=0, atol=1e-6 * np.abs(values).max())
+    forces = [[result.data["quantities"][key] for key in ("drag", "lift")] for result in (straight, inclined)]
+    if "time" not in tables:
+        np.testing.assert_allclose(forces[1], np.array(forces[0]) @ TURN, rtol=1e-7)
+        assert load_scene(tmp_path / "True/scene.toml") == flap(tmp_path, True, True)
+
+
+WRONG_TIES = {
+    "direction": ("-normalX[i]/normalY[i]", "normalX[i]/normalY[i]"),
+    "momentum": ("rows[tiedTo[tied[i]]] += tieFactor", "rows[tiedTo[tied[i]]] -= tieFactor"),
+    "friction": ("rows[tiedTo[tied[i]]] += tieFactor", "rows[tiedTo[tied[i]]] += 0*tieFactor"),
+    "a force": ("(tractionX+slides*N.y)", "(tractionX-slides*N.y)"),
+}
+
+
+@pytest.mark.parametrize("name", WRONG_TIES)
+def test_a_wrong_inclined_line_is_caught(name, tmp_path, broken_script):
+    broken_script(*WRONG_TIES[name])
+    assert not solve(flap(tmp_path, True, True), tmp_path / "run").checked
+
+
+BENT = [
+    (lambda x, y: (x, y + 0.05 * x * x), "it bends behind a single edge; accepted: straight pieces of several edges"),
+    (lambda x, y: (x, y + 1e-6 * x * x), "in coordinates of at least 9 digits"),
+]
+
+
+@pytest.mark.parametrize(("bend", "text"), BENT)
+def test_a_bent_slip_wall_is_refused(bend, text, tmp_path):
     mesh = structured_mesh(
         np.linspace(0, 2, 5), np.linspace(0, 1, 3), lambda x, y: 1, lambda x, y: 1 + (y in (0, 1)) * 2 + (x == 2)
     )
-    turn = np.array([[np.cos(0.3), np.sin(0.3)], [-np.sin(0.3), np.cos(0.3)]])
-    path = write_mesh(
-        tmp_path / "turned.msh",
-        type(mesh)(mesh.vertices @ turn, mesh.triangles, mesh.region, mesh.edges, mesh.label, mesh.p2), {"fluid": 1},
-        {"in": 1, "out": 2, "sides": 3},
-    )  # fmt: skip
-    with pytest.raises(SceneError, match=r"parallel to no axis; accepted: straight pieces along x or y"):
+    bent = type(mesh)(
+        np.column_stack(bend(*mesh.vertices.T)), mesh.triangles, mesh.region, mesh.edges, mesh.label, mesh.p2
+    )
+    path = write_mesh(tmp_path / "bent.msh", bent, {"fluid": 1}, {"in": 1, "out": 2, "sides": 3})
+    with pytest.raises(SceneError, match=text):
         scene_on(
             path, {"inlet": "in", "outlet": "out", "slip": "sides"}, {"fluid": "fluid"}, fluid=WATER,
             outlet={"kind": "do-nothing"}, inflow={"mean_velocity": 1},
         )  # fmt: skip
+
+
+def test_a_solid_on_one_inclined_line_is_not_held(tmp_path):
+    mesh = structured_mesh(np.linspace(0, 1, 4), np.linspace(0, 1, 4), lambda x, y: 1, lambda x, y: 1 if y == 0 else 2)
+    path = write_mesh(tmp_path / "solid.msh", turned(mesh), {"block": 1}, {"line": 1, "rest": 2})
+    with pytest.raises(SceneError, match="nothing holds the solid"):
+        scene_on(path, {"symmetry": "line", "loaded": "rest"}, {"block": "block"}, solid={"block": RUBBER},
+                 traction={"x": 1})  # fmt: skip

@@ -67,10 +67,10 @@ class MeshBoundaries(Table):
     supported: GroupNames | None = Field(None, description="outer sides of walls with the table support")
     loaded: GroupNames | None = Field(None, description="boundaries of the solids with the table traction")
     slip: GroupNames | None = Field(
-        None, description="walls of the fluid without friction, straight pieces along x or y: v.n = 0, the mesh slides"
+        None, description="walls of the fluid without friction, straight pieces: v.n = 0, the mesh slides"
     )
     symmetry: GroupNames | None = Field(
-        None, description="lines of symmetry of fluid and solids along x or y: v.n = 0, u.n = 0, no tangential traction"
+        None, description="lines of symmetry of fluid and solids, straight pieces: v.n = 0, u.n = 0, no traction along"
     )
 
 

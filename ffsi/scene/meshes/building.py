@@ -20,6 +20,7 @@ from ffsi.scene.boundaries import (
     MOVING,
     OPENINGS_END,
     OUTLETS,
+    SLIP,
     SLIP_X,
     SLIP_Y,
     SUPPORTED,
@@ -29,14 +30,14 @@ from ffsi.scene.boundaries import (
 )
 from ffsi.scene.errors import Problem, SceneError, count, fault, names, place, short
 from ffsi.scene.meshes import topology as checks
-from ffsi.scene.meshes.curves import FLUID, ROLES, Curves, Naming, Part, chosen_groups
+from ffsi.scene.meshes.curves import FLUID, PARALLEL, ROLES, Curves, Naming, Part, chosen_groups
 from ffsi.scene.meshes.reading import MeshFile, read_mesh_file
 from ffsi.scene.meshes.topology import Flags, Topology, cross
 
 HELD = (CLAMPED, SUPPORTED)
 """Labels of boundaries that hold a solid."""
-SLIP = {SLIP_X: "slip_x", SLIP_Y: "slip_y"}
-"""Names of slip boundaries by the axis of their normal; together they hold a solid."""
+SLIPS = {SLIP_X: "slip_x", SLIP_Y: "slip_y", SLIP: "slip"}
+"""Names of slip boundaries by the axis of their normal."""
 STRAIGHT = 1e-6
 """How far the nodes of an inlet may be from a straight line, in lengths of the inlet."""
 DIGITS = 13
@@ -142,13 +143,19 @@ def _domain_mesh(path: Path, unit: str, metres: float, naming: Naming, _: tuple[
     lengths = np.linalg.norm(vertices[edges[:, 1]] - vertices[edges[:, 0]], axis=1)
     areas = checks.areas(vertices, topology.triangles)
     by_number = sorted(naming.numbers.items(), key=lambda item: item[1])
-    held, *sliding = (
-        np.asarray(np.isin(topology.triangles, edges[np.isin(label[chosen], labels)]).any(axis=1))
-        for labels in (HELD, *([label] for label in SLIP))
-    )
+    held = np.asarray(np.isin(topology.triangles, edges[np.isin(label[chosen], HELD)]).any(axis=1))
     solid = region != FLUID
     if (piece := topology.components(solid)).size:
-        held[solid] |= np.logical_and(*(np.isin(piece, piece[marked[solid]]) for marked in sliding))
+        slides = np.isin(label[chosen], [*SLIPS])
+        along = (vertices[edges[:, 1]] - vertices[edges[:, 0]])[slides] / lengths[slides, None]
+        # Pieces of solids with slip boundaries in two directions are held: there the sum of t t' has no kernel.
+        owner = topology.left[1][chosen[slides]]
+        number_of = np.full(len(region), -1)
+        number_of[solid] = piece
+        of_solid = number_of[owner] >= 0
+        directions = np.zeros((piece.max() + 1, 2, 2))
+        np.add.at(directions, number_of[owner[of_solid]], along[of_solid, :, None] * along[of_solid, None, :])
+        held[solid] |= np.linalg.eigvalsh(directions)[piece, 0] > PARALLEL
     return DomainMesh(
         vertices=vertices,
         triangles=topology.triangles,
@@ -188,8 +195,8 @@ def _boundary(label: int, parts: dict[int, Part], naming: Naming, length: float)
         )
         name = names_of[label - first][0]
         return Boundary(name, label, ROLES[role].role, length, opening=name)
-    if label in SLIP:
-        return Boundary(SLIP[label], label, "slip", length)
+    if label in SLIPS:
+        return Boundary(SLIPS[label], label, "slip", length)
     if label == SURFACE:
         return Boundary("interface", label, "interface", length)
     name = next(key for key, meant in ROLES.items() if meant.label == label)

@@ -19,6 +19,7 @@ from ffsi.scene.boundaries import (
     OUTLET,
     OUTLETS,
     PARTS,
+    SLIP,
     SLIP_X,
     SLIP_Y,
     SUPPORTED,
@@ -28,13 +29,15 @@ from ffsi.scene.boundaries import (
 )
 from ffsi.scene.errors import Problem, SceneError, count, fault, names, nearest, place, short
 from ffsi.scene.meshes.reading import Group
-from ffsi.scene.meshes.topology import Flags, Topology
+from ffsi.scene.meshes.topology import Topology, cross
 
 Names = tuple[str, ...]
 
 FLUID = 1
 PARALLEL = 1e-9
 """Largest sine of the angle between an axis and an edge that is parallel to it."""
+BEND = 1e-8
+"""Largest sine of the angle between two edges of a straight piece."""
 
 
 class RoleOf(NamedTuple):
@@ -151,7 +154,7 @@ class Curves:
                 if misplaced := self._misplaced(key, role, name, edges):
                     problems += misplaced
                     continue
-                meant = np.where(self._upright(edges), SLIP_X, SLIP_Y) if role.role == "slip" else role.label
+                meant = self._slips(edges) if role.role == "slip" else role.label
                 label[edges] = np.where(given[edges] < 0, meant, label[edges])
                 twice = edges[label[edges] != meant]
                 if twice.size:
@@ -164,6 +167,7 @@ class Curves:
         if problems:
             raise SceneError(problems)
         self._refuse_without_role(label)
+        self._refuse_bends(label)
         return label, self._parts(naming, label)
 
     def _find(self, group: Group) -> Ints:
@@ -184,15 +188,29 @@ class Curves:
         start, end = self.topology.points[self.directed[edges]].transpose(1, 0, 2)
         return np.asarray(np.abs(end - start) / np.hypot(*(end - start).T)[:, None])
 
-    def _upright(self, edges: Ints) -> Flags:
-        """Tell which edges run along y rather than along x."""
-        return np.asarray(self._slopes(edges)[:, 1] > 0.5)
+    def _slips(self, edges: Ints) -> Ints:
+        """Return the labels of edges that are slip boundaries."""
+        along_x, along_y = self._slopes(edges).T
+        return np.where(along_x < PARALLEL, SLIP_X, np.where(along_y < PARALLEL, SLIP_Y, SLIP))
+
+    def _refuse_bends(self, label: Ints) -> None:
+        """Refuse inclined slip boundaries that are polygons of curves: where single edges meet at a bend."""
+        edges = np.flatnonzero(np.isin(label, (SLIP_X, SLIP_Y, SLIP)))
+        start, end = self.topology.points[self.directed[edges]].transpose(1, 0, 2)
+        along = (end - start) / np.hypot(*(end - start).T)[:, None]
+        first = {vertex: i for i, vertex in enumerate(self.directed[edges, 0].tolist())}
+        pairs = [(i, first[v]) for i, v in enumerate(self.directed[edges, 1].tolist()) if v in first]
+        joins, bends = np.zeros((2, len(edges)), dtype=np.bool_)
+        for pair in pairs:
+            straight = abs(cross(*along[list(pair)])) <= BEND
+            (joins if straight else bends)[list(pair)] = straight or SLIP in label[edges[list(pair)]]
+        if (bad := edges[bends & ~joins]).size:
+            text = f"at {self._at(bad[0])} it bends behind a single edge; accepted: straight pieces of several edges"
+            key = "boundaries.slip" if self.wet[bad[0]] else "boundaries.symmetry"
+            raise fault(f"{text}, in coordinates of at least 9 digits", key)
 
     def _misplaced(self, key: str, role: RoleOf, name: str, edges: Ints) -> list[Problem]:
         """Return the problem of edges that cannot have a role."""
-        if role.role == "slip" and (oblique := edges[self._slopes(edges).min(axis=1) > PARALLEL]).size:
-            text = f"at {self._at(oblique[0])} it is parallel to no axis; accepted: straight pieces along x or y"
-            return [Problem(key, text, short(name))]
         able = {True: self.wet, False: self.dry, None: self.outer}[role.fluid]
         bad = edges[~able[edges]]
         if not bad.size:
