@@ -47,7 +47,7 @@ BENCH: Kinds = {
     "--work-precision": ("bench.speed", "main_levels", ("repeat", "out", "readme")),
     "--peers": ("bench.speed", "main_peers", ("repeat", "out", "readme")),
     "--scenes": ("bench.steady", "main_scenes", ("repeat", "out", "readme")),
-    "--mesh-motion": ("bench.mesh_motion", "main", ("out", "readme")),
+    "--mesh-motion": ("bench.mesh_motion", "main", ("out",)),
     "--unsteady": ("bench.unsteady", "main", ("repeat", "runs", "out", "readme")),
 }
 PAPER: Kinds = {

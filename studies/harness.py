@@ -6,7 +6,7 @@ import math
 import os
 import platform
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, field
 from functools import partial
@@ -27,6 +27,7 @@ from ffsi.result.in_time import RESUMABLE
 from ffsi.run.one_scene import solve
 from ffsi.scene import Scene, SceneError, load_scene
 from ffsi.script.render import render
+from studies.tables import TextTable, document
 
 K = TypeVar("K")
 T = TypeVar("T")
@@ -40,57 +41,68 @@ class Study:
 
     command: str  # the command that does it, without `python -m studies`
     out: Path | None = None  # folder of its files, which is made; None: none are written
-    readme: Path | None = None  # file in which `blocks` are replaced, unless a run failed; None: nothing is
-    blocks: Sequence[str] = ()  # those that must be there
+    readme: Path | None = None  # file in which the block `name` is replaced, unless a run failed; None: nothing is
+    name: str = ""  # of its block, its document, and the template of both in `documents/`
 
     def __post_init__(self) -> None:
         """Refuse unusable outputs."""
         if self.readme is not None:
-            for block in self.blocks:
-                replaced(self.readme, block, "")
+            replaced(self.readme, self.name, "")
         if self.out is not None:
             if self.out.exists() and not self.out.is_dir():
                 raise InputError(f"{self.out} is a file; --out takes a folder")
             self.out.mkdir(parents=True, exist_ok=True)
 
-    def written(self, data: Iterable[Mapping[str, Any]]) -> str:
-        """Return one sentence about who wrote a table, with which FreeFEM and on which machine."""
+    def finish(
+        self,
+        data: Iterable[Mapping[str, Any]],
+        shown: Iterable[TextTable],
+        files: Mapping[str, Content],
+        digits: str | None = "%.8g",
+        **values: Any,
+    ) -> list[str]:
+        """Print tables, write files, the document and the block, which is made with `brief`; return the failures.
+
+        Args:
+            data: the content of each `result.json`.
+            shown: what is printed.
+            files: what makes each file, by its name; a table becomes CSV with so many digits.
+            digits: format of the numbers in CSV.
+            values: what the template needs, besides `written`, a sentence about who wrote it, and `links`.
+        """
+        for item in shown:
+            item.print()
+        data = list(data)
+        failures = [str(item.get("failure", "")) for item in data]
         info = Path("/proc/cpuinfo")
         names = re.findall(r"^model name\s*:\s*(.*?)\s*$", info.read_text(), re.MULTILINE) if info.is_file() else []
-        processor = names[0] if names else platform.processor() or platform.machine()
-        return origin(f"python -m studies {self.command}", data, f", one thread; {processor}")
+        machine = names[0] if names else platform.processor() or platform.machine()
+        written = origin(f"python -m studies {self.command}", data, f", one thread; {machine}")
+        values |= {"written": written, "links": self.links}
+        if self.out is not None:
+            made = {name: make() for name, make in files.items()}
+            if text := document(self.name, brief=False, **values):
+                made[f"{self.name}.md"] = text + "\n"
+            for name, content in made.items():
+                if isinstance(content, pd.DataFrame):
+                    content = content.to_csv(index=False, float_format=digits)
+                (self.out / name).write_bytes(content if isinstance(content, bytes) else content.encode())
+            *first, last = (str(self.out / name) for name in made)
+            show.note(f"wrote {', '.join(first)}{' and ' if first else ''}{last}")
+        if self.readme is not None and any(failures):
+            show.error(f"{self.readme} stays as it is, because a run failed")
+        elif self.readme is not None:
+            content = document(self.name, brief=True, **values)
+            folder.write_text(self.readme, replaced(self.readme, self.name, content))
+            show.note(f"wrote the block {self.name} of {self.readme}")
+        return failures
 
-    def write(self, files: Mapping[str, Content], digits: str | None = "%.8g") -> None:
-        """Make and write the files by their names, and say so; a table becomes CSV with so many digits."""
-        if self.out is None:
-            return
-        for name, make in files.items():
-            content = make()
-            if isinstance(content, pd.DataFrame):
-                content = content.to_csv(index=False, float_format=digits)
-            if isinstance(content, bytes):
-                (self.out / name).write_bytes(content)
-            else:
-                folder.write_text(self.out / name, content)
-        *first, last = (str(self.out / name) for name in files)
-        show.note(f"wrote {', '.join(first)}{' and ' if first else ''}{last}")
-
-    def links(self, text: str, names: Sequence[str]) -> str:
+    def links(self, text: str, *names: str) -> str:
         """Return ` TEXT: [name](path), ....`, paths as seen from `readme`; empty without `out` or `readme`."""
         if self.out is None or self.readme is None:
             return ""
         paths = [Path(os.path.relpath(self.out / name, self.readme.parent)).as_posix() for name in names]
         return f" {text}: {', '.join(f'[{name}]({path})' for name, path in zip(names, paths, strict=True))}."
-
-    def publish(self, failures: Sequence[str], blocks: Mapping[str, str]) -> list[str]:
-        """Write each content between the markers of its block, unless a run failed, and say so; return the failures."""
-        if self.readme is not None and any(failures):
-            show.error(f"{self.readme} stays as it is, because a run failed")
-        elif self.readme is not None:
-            for block, content in blocks.items():
-                folder.write_text(self.readme, replaced(self.readme, block, content))
-            show.note(f"wrote the block{'s' if len(blocks) > 1 else ''} {', '.join(blocks)} of {self.readme}")
-        return list(failures)
 
 
 def side_by_side(

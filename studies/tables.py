@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import pandas as pd
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator, NullFormatter
 from rich.console import Console
@@ -88,9 +91,27 @@ def table(rows: Iterable[Any], columns: Sequence[Column], left: int = 1, title: 
     return TextTable([column.head for column in columns], body, left, title)
 
 
+def number(value: Any, form: str = "{:.1f}") -> str:
+    """Return a formatted number, or a dash if there is none."""
+    return NOTHING if value is None or pd.isna(value) else form.format(value)
+
+
 def markdown(parts: Iterable[str | TextTable]) -> str:
     """Return texts and tables in Markdown."""
     return "\n\n".join(part if isinstance(part, str) else part.markdown() for part in parts)
+
+
+_DOCUMENTS = Environment(
+    loader=FileSystemLoader(Path(__file__).with_name("documents")), undefined=StrictUndefined, trim_blocks=True,
+    lstrip_blocks=True, finalize=lambda value: value.markdown() if isinstance(value, TextTable) else value,
+)  # fmt: skip
+_DOCUMENTS.filters |= {"paragraphs": markdown, "number": number}
+
+
+def document(name: str, **values: Any) -> str:
+    """Return the Markdown that the template `documents/NAME.md.j2` makes of values, tables and numbers among them."""
+    text = _DOCUMENTS.get_template(f"{name}.md.j2").render(values)
+    return re.sub(r"\n{3,}", "\n\n", text).strip()
 
 
 def percent(error: float) -> str:
@@ -104,11 +125,6 @@ def percent(error: float) -> str:
 def unsigned(difference: float) -> str:
     """Return the size of a relative difference in percent, without its sign."""
     return percent(abs(difference)).removeprefix("+")
-
-
-def number(value: Any, form: str = "{:.1f}") -> str:
-    """Return a formatted number, or a dash if there is none."""
-    return NOTHING if value is None or pd.isna(value) else form.format(value)
 
 
 def dress(axes: Axes, which: str = "major", width: float = 0.7) -> None:

@@ -19,10 +19,8 @@ from ffsi.result.pictures import INK, to_small_png
 from ffsi.run.chain import run_chain
 from ffsi.scene import load_scene
 from studies.harness import Study, multiples
-from studies.tables import Column, TextTable, columns, dress, markdown, number, table
+from studies.tables import Column, TextTable, columns, dress, number, table
 
-BLOCK = "mesh-motion"
-CSV, MARKDOWN, PICTURE = "mesh-motion.csv", "mesh-motion.md", "mesh-motion.png"
 VELOCITY = "inflow.mean_velocity"
 COMMON = 0.12  # mean velocity at which mesh motions are compared, m/s
 LEVEL = 1
@@ -66,15 +64,6 @@ MOTIONS = (
 SWEEPS = (
     Sweep("flap-neo-hookean", "rigid roof", multiples(0.02, 15)),
     Sweep("flap-neo-hookean-roof", "elastic roof", multiples(0.01, 12)),
-)
-EXPLANATION = (
-    "Each mesh motion carries the neo-Hookean flap from one mean inflow velocity to the next (rigid roof: steps of "
-    "0.02 m/s up to 0.3 m/s; elastic roof: 0.01 m/s up to 0.12 m/s) until a point does not converge. *Stiffness*: what "
-    "alpha grows with, small area (m) and small distance from the interface (n). *Reaches*: the last converged point; "
-    "≥: the sweep's last one. min J: smallest det F in the fluid mesh, there and at "
-    f"{COMMON:g} m/s. Tip u_x (m) at {COMMON:g} m/s: a distorted mesh changes the result. Seconds, Newton iterations "
-    f"and factorisations are those of all points up to {COMMON:g} m/s (seconds: the script's processor time, coarser "
-    "meshes included); one factorisation and one Jacobian are medians over the sweep."
 )
 
 
@@ -200,11 +189,10 @@ def draw(tracks: Sequence[Track]) -> Figure:
     return figure
 
 
-def main(*, out: Path | None = None, readme: Path | None = None) -> list[str]:
+def main(*, out: Path | None = None) -> list[str]:
     """Run both sweeps with every mesh motion; where one ends is no failure, unless none solved any point of it."""
-    study = Study("bench --mesh-motion", out, readme, [BLOCK])
+    study = Study("bench --mesh-motion", out, name="mesh-motion")
     tracks = [run(sweep, motion) for sweep in SWEEPS for motion in MOTIONS]
-    motion_table(tracks).print()
     ends = [
         f"{track.sweep.title}, {track.motion.name}: failed at {track.end[0]:g} m/s: {track.end[1]}"
         for track in tracks
@@ -212,22 +200,14 @@ def main(*, out: Path | None = None, readme: Path | None = None) -> list[str]:
     ]
     for line in ends:
         show.note(line)
-    written = study.written(data for track in tracks for data in track.points)
-    shown = motion_table(tracks, ENDED)
     sizes = {track.sweep.title: track.points[0]["unknowns"] for track in tracks if track.points}
-    mesh = f"Mesh level {LEVEL}: {', '.join(f'{size} unknowns ({title})' for title, size in sizes.items())}."
-    lines = "\n".join(f"- {line}." for line in ends) or "Every sweep went to its last point."
-    parts: list[str | TextTable] = [
-        "# Mesh motions", f"{written} {mesh}", EXPLANATION, f"![min J over velocity]({PICTURE})", shown,
-    ]  # fmt: skip
-    parts += ["## What ended the sweeps", lines, f"Every point: [{CSV}]({CSV})."]
-    study.write({
-        CSV: lambda: frame(tracks),
-        MARKDOWN: lambda: markdown(parts) + "\n",
-        PICTURE: lambda: to_small_png(draw(tracks)),
-    }, digits="%.6g")  # fmt: skip
+    study.finish(
+        [data for track in tracks for data in track.points], [motion_table(tracks)],
+        {"mesh-motion.csv": lambda: frame(tracks), "mesh-motion.png": lambda: to_small_png(draw(tracks))}, "%.6g",
+        table=motion_table(tracks, ENDED), ends=ends, level=LEVEL, common=f"{COMMON:g}",
+        sizes=", ".join(f"{size} unknowns ({title})" for title, size in sizes.items()),
+    )  # fmt: skip
     failures = [data["failure"] for track in tracks for data in track.points if data["failure"] in ("check", "crash")]
     for sweep in SWEEPS:
         failures += [] if any(track.solved for track in tracks if track.sweep == sweep) else ["not-converged"]
-    text = markdown([EXPLANATION, shown, written + study.links("More", (MARKDOWN, PICTURE))])
-    return study.publish(failures, {BLOCK: text})
+    return failures

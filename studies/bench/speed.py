@@ -24,8 +24,8 @@ from ffsi.freefem import find_freefem
 from ffsi.report.curves import LINES, MARKERS
 from ffsi.result.pictures import INK, to_png
 from ffsi.result.quantities import WORDS
-from studies.harness import Place, Study, repeated
-from studies.tables import Column, TextTable, columns, dress, logarithmic, markdown, table, unsigned
+from studies.harness import Content, Place, Study, repeated
+from studies.tables import Column, TextTable, columns, dress, logarithmic, table, unsigned
 from studies.verification.sources import ReferenceSet, compared
 
 PEER_PYTHON = Path(".venv-peers/bin/python")  # made by `make bench-peers`
@@ -63,22 +63,6 @@ OWN: Mapping[str, tuple[str, ...]] = {
 """The settings of this program's meshes beside NGSolve."""
 PROGRAMS = ("ffsi run", "ffsi script", "NGSolve")
 TOLERANCES = (0.005, 0.001, 0.0002)
-TEXT = (
-    "Seconds: processor time of the whole process with all that it starts, one thread, median of the runs, which "
-    "alternate; of `ffsi run` with check and pictures. Errors are (value - reference) / |reference|."
-)
-LEVELS_TEXT = (
-    "Published values have four to six digits: an error below 0.01 % against them says no more than that. "
-    "Against the own finest level errors come out too small by what that level itself is off."
-)
-PEERS_TEXT = (
-    "`ffsi run` checks and draws, `ffsi script` is `FreeFem++` with the same case: as NGSolve's it solves and writes. "
-    "NGSolve by [a script of our own](../studies/bench/ngsolve_fsi1.py): u and v of order P, p one below, triangles "
-    "of at most h, so many geometric layers around the beam's corners, curved cylinder, static condensation, UMFPACK, "
-    "one Newton method from rest. Its unknowns are the free ones, ours all, fixed and trivial ones included. Sizes of "
-    "either program were chosen knowing the reference; a coarse one may be near it by luck. u_x against 2.2681e-5, the "
-    "rest against the hp values ([sources](../studies/data/README.md))."
-)
 
 
 class Measured(NamedTuple):
@@ -219,30 +203,31 @@ def growth(small: Values, large: Values) -> str:
 
 def main_levels(*, repeat: int = 1, out: Place = None, readme: Place = None) -> list[str]:
     """Run every sample on its levels, and print errors over processor time and unknowns."""
-    study = Study(repeated("bench --work-precision", repeat), out, readme, ["work-precision"])
+    study = Study(repeated("bench --work-precision", repeat), out, readme, "work-precision")
     tasks = {(x.case, level): partial(own, x.case, [f"mesh.level={level}"]) for x in SAMPLES for level in x.levels}
     found = alternating(tasks, repeat)
-    parts: list[str | TextTable] = [LEVELS_TEXT]
+    parts: list[str | TextTable] = []
+    printed: list[TextTable] = []
     rows: list[dict[str, Any]] = []
     panels: dict[str, list[Curve]] = {}
     for case, names, levels in SAMPLES:
         source = reference(Sample(case, names), found[case, levels[-1]])
         lines = [row(found[case, level], source, names, case=case, level=level) for level in levels]
         shown = table(lines, [*columns("level"), *error_columns(names)], title=f"{case}, against {source.source}")
-        shown.print()
+        printed.append(shown)
         parts += [f"`{case}`, against {source.source}:", shown]
         if case == FSI1.case and not any(line["failure"] for line in lines):
             parts.append(growth(lines[2], lines[-1]))
         rows += lines
         panels[shown.title] = [(f"${word(x)}$" if "_" in word(x) else word(x), lines, f"error_{x}") for x in names]
-    return _finish(study, "work-precision", parts, rows, panels, found.values())
+    return study.finish(found.values(), printed, _files(study, rows, panels), parts=parts)
 
 
 def main_peers(*, repeat: int = 1, out: Place = None, readme: Place = None) -> list[str]:
     """Run FSI1 by this program and by NGSolve, alternating, and print errors over processor time and unknowns."""
     if not PEER_PYTHON.is_file():
         raise InputError(f"there is no {PEER_PYTHON}; `make bench-peers` makes that environment, and measures")
-    study = Study(repeated("bench --peers", repeat), out, readme, ["peers"])
+    study = Study(repeated("bench --peers", repeat), out, readme, "peers")
     tasks: dict[tuple[str, Any], Task] = {
         (name, mesh): partial(do, FSI1.case, settings)
         for name, do in zip(PROGRAMS, (own, script), strict=False)
@@ -255,11 +240,9 @@ def main_peers(*, repeat: int = 1, out: Place = None, readme: Place = None) -> l
     rows = [row(item, source, FSI1.quantities, program=key[0], mesh=key[1]) for key, item in found.items()]
     sizes = table(rows, [*columns("program | mesh"), *error_columns(FSI1.quantities)], left=2, title=FSI1.case)
     best = table(within(rows), WITHIN, left=3, title="The least processor time with all four quantities within")
-    sizes.print()
-    best.print()
     curves = [(name, [line for line in rows if line["program"] == name], "error") for name in PROGRAMS]
     panels = {f"{FSI1.case}, the largest of four errors": curves}
-    return _finish(study, "peers", [PEERS_TEXT, sizes, f"{best.title}:", best], rows, panels, found.values())
+    return study.finish(found.values(), [sizes, best], _files(study, rows, panels), sizes=sizes, best=best)
 
 
 def within(rows: Sequence[Values]) -> list[dict[str, Any]]:
@@ -280,17 +263,5 @@ WITHIN = (
 )
 
 
-def _finish(
-    study: Study,
-    name: str,
-    parts: Sequence[str | TextTable],
-    rows: Sequence[Values],
-    panels: Mapping[str, Sequence[Curve]],
-    data: Iterable[Values],
-) -> list[str]:
-    """Write table and picture, replace the block, and return the failures."""
-    csv, picture = f"{name}.csv", f"{name}.png"
-    study.write({csv: lambda: pd.DataFrame(rows), picture: lambda: to_png(draw(panels))})
-    said = f"{study.written(data)} {TEXT}"
-    shown = [f"![Error over seconds and unknowns]({picture})", f"{said}{study.links('Values', [csv])}"]
-    return study.publish([line["failure"] for line in rows], {name: markdown([*parts, *shown])})
+def _files(study: Study, rows: Sequence[Values], panels: Mapping[str, Sequence[Curve]]) -> Mapping[str, Content]:
+    return {f"{study.name}.csv": lambda: pd.DataFrame(rows), f"{study.name}.png": lambda: to_png(draw(panels))}

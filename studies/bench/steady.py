@@ -14,7 +14,7 @@ from ffsi.cli import show
 from ffsi.hemodynamics.result import Result
 from ffsi.scene import CASES, load_scene
 from studies.harness import Run, Study, repeated, solved
-from studies.tables import Column, TextTable, bounded, columns, markdown, table
+from studies.tables import Column, TextTable, bounded, columns, table
 from studies.verification.steady import Variant, measure
 
 SOLVER = ("residual", "jacobian", "factorize", "solve")
@@ -71,10 +71,6 @@ def cost_row(runs: Sequence[Run]) -> dict[str, Any]:
 # Costs over the mesh levels -------------------------------------------------------------------------------------------
 
 CASE, LEVELS = "turek-fsi1", range(5)
-BOUNDS = (
-    "The bounds are meant for about 30 000 unknowns (level 2); `!` marks what is above them. Level 0 starts from rest, "
-    "with new factors in every iteration; the sums of the other levels contain the coarser meshes."
-)
 
 
 def level_table(rows: Sequence[Mapping[str, Any]]) -> TextTable:
@@ -86,21 +82,16 @@ def level_table(rows: Sequence[Mapping[str, Any]]) -> TextTable:
 
 def main_levels(*, repeat: int = 1, out: Path | None = None, readme: Path | None = None) -> list[str]:
     """Run FSI1 on every mesh level, one thread, and print what it costs: medians of `repeat` runs."""
-    study = Study(repeated("bench", repeat), out, readme, ["bench"])
+    study = Study(repeated("bench", repeat), out, readme, "bench")
     runs = [[measure(Variant(CASE), level) for _ in range(repeat)] for level in LEVELS]
     rows = [cost_row(group) for group in runs]
     shown = level_table(rows)
-    shown.print()
-    study.write({f"bench-{CASE}.csv": lambda: pd.DataFrame(rows)})
-    every = [run for group in runs for run in group]
-    text = markdown([shown, f"{study.written(run.data for run in every)} {BOUNDS}"])
-    return study.publish([run.failure for run in every], {"bench": text})
+    files = {f"bench-{CASE}.csv": lambda: pd.DataFrame(rows)}
+    return study.finish([run.data for group in runs for run in group], [shown], files, table=shown)
 
 
 # Every steady scene near 30 000 unknowns, and what a solid's pressure as an unknown costs ----------------------------
 
-BLOCK = "bench-scenes"
-SCENES_CSV, FORMULATIONS_CSV = "bench-scenes.csv", "bench-formulations.csv"
 # The level whose number of unknowns is the nearest to 30 000 where it is not 2.
 NEAREST = {"turek-csm1": 4, "turek-csm2": 4, "cylinder-2d1": 3, "cavity-flexible-floor": 3}
 
@@ -120,18 +111,6 @@ FORMULATION_BOUND = 1.5
 # Short titles of `RATIOS`.
 SHORT = {"newton": "Newton", "overhead": "other phases"}
 MEANING = "; ".join(f"{SHORT[ratio.name]}: {ratio.title}" for ratio in RATIOS if ratio.name in SHORT)
-SCENES_TEXT = (
-    "Costs of a whole run in units of one factorisation on the final mesh, coarser meshes included, at the level "
-    f"nearest to 30 000 unknowns. {MEANING}. *Coarser meshes*: all that the script does before the final mesh. "
-    "Iterations and factorisations are those on the final mesh. `!` marks what is above its bound; the last column "
-    "gives the phases of it."
-)
-FORMULATIONS_TEXT = (
-    "A pressure of the solid as one more unknown, as a multiple of the displacement form in the same repetition; `!` "
-    f"marks what is above {FORMULATION_BOUND}. Whole run: wall clock of all that `ffsi run` does but pictures; the "
-    "others are the script's processor time. An incompressible solid is another problem than the compressible one, "
-    "with other Newton iterations."
-)
 
 
 def run(case: str, *settings: str) -> Run:
@@ -200,7 +179,7 @@ def formulation_table(rows: Sequence[Mapping[str, Any]]) -> TextTable:
 
 def main_scenes(*, repeat: int = 1, out: Path | None = None, readme: Path | None = None) -> list[str]:
     """Run every steady scene and the formulations of a solid, one thread, and print what they cost (medians)."""
-    study = Study(repeated("bench --scenes", repeat), out, readme, [BLOCK])
+    study = Study(repeated("bench --scenes", repeat), out, readme, "bench-scenes")
     measure(Variant("turek-csm1"), 0)  # what Python imports and FreeFEM reads from disk for the first time
     groups = [[run(case) for _ in range(repeat)] for case in CASES.steady]
     pairs = {
@@ -210,16 +189,13 @@ def main_scenes(*, repeat: int = 1, out: Path | None = None, readme: Path | None
     scenes = [cost_row(group) for group in groups]
     forms = [row for case, repetitions in pairs.items() for row in formulation_rows(case, repetitions)]
     formulations = formulation_table(forms)
-    for item in (scene_table(scenes), formulations):
-        item.print()
     for row in scenes:
         for text in above(row):
             show.note(f"above the bound, {row['case']}: {text}")
-    study.write({SCENES_CSV: lambda: pd.DataFrame(scenes), FORMULATIONS_CSV: lambda: pd.DataFrame(forms)})
     every = [item for group in groups for item in group]
     every += [item for repetitions in pairs.values() for runs in repetitions for item in runs]
-    written = study.written(item.data for item in every) + study.links("Every phase", (SCENES_CSV, FORMULATIONS_CSV))
-    parts: list[str | TextTable] = [
-        SCENES_TEXT, scene_table(scenes, reasons=True), FORMULATIONS_TEXT, formulations, written,
-    ]  # fmt: skip
-    return study.publish([item.failure for item in every], {BLOCK: markdown(parts)})
+    return study.finish(
+        [item.data for item in every], [scene_table(scenes), formulations],
+        {"bench-scenes.csv": lambda: pd.DataFrame(scenes), "bench-formulations.csv": lambda: pd.DataFrame(forms)},
+        scenes=scene_table(scenes, reasons=True), formulations=formulations, meaning=MEANING, bound=FORMULATION_BOUND,
+    )  # fmt: skip

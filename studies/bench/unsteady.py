@@ -27,23 +27,12 @@ from ffsi.scene import Scene, load_scene
 from ffsi.script.render import render
 from studies.bench.steady import SOLVER, WORDS
 from studies.harness import PLAIN, Place, Run, Study, repeated, run_all
-from studies.tables import Column, TextTable, columns, markdown, table, unsigned
+from studies.tables import Column, TextTable, columns, table, unsigned
 
-BLOCK = "bench-unsteady"
-CSV, STEPS_CSV = "bench-unsteady.csv", "bench-time-steps.csv"
 RUNS = Path("runs/bench-unsteady")
 STEPS = {"condensed": 100, "newton": 6}  # that are measured: a cycle of the inflow, or two periods of FSI3 and some
 RATIO_BOUND = 10.0
 WORD = {"condensed": "condensed", "newton": "plain Newton"}
-EXPLANATION = (
-    "turek-fsi3 from where the beam swings with its full amplitude, dt 0.005 s; aneurysm-pulsatile with Carreau blood "
-    "from its second cycle on, dt a hundredth of a cycle. *condensed*: `solver.step` as it is in the catalogue, "
-    f"{STEPS['condensed']} steps; *plain Newton*: the whole Jacobian with new factors in every iteration, "
-    f"{STEPS['newton']} steps from the same checkpoint. Seconds: processor time of the script. The first step of the "
-    "process, which sets everything up (the factors that the checkpoint names among it), and the last one, which is "
-    "solved to round-off, do not count. Ratio: of the means. Phases: seconds per step, what a process without counted "
-    "steps needs taken off. `!` marks what misses its bound."
-)
 
 
 class Size(NamedTuple):
@@ -166,10 +155,6 @@ BEAM = "turek-csm3"
 LEVEL, END = 0, 1.0  # s; a little more than a period
 TIME_STEPS = (0.04, 0.02, 0.01, 0.005, 0.0025)  # s
 FINEST = 0.0003125  # s, what the others are compared with
-ERROR_TEXT = (
-    f"Error against the time step: {BEAM} on mesh level {LEVEL} to t = {END:g} s; the largest difference of the tip's "
-    f"u_y from that with dt {FINEST:g} s, over its largest value, and the order from one step to the next."
-)
 ERROR_COLUMNS = (
     *columns("dt s = step :g | steps | seconds :.1f | per step = seconds_per_step :.3f"),
     Column("error of u_y", lambda row: unsigned(row["error"])),
@@ -205,7 +190,7 @@ def main(
     *, repeat: int = 1, out: Place = None, readme: Place = None, runs: Path = RUNS, sizes: Sequence[Size] = SIZES
 ) -> list[str]:
     """Run each case to its developed motion, and print what steps cost from there; then errors over time steps."""
-    study = Study(repeated("bench --unsteady", repeat), out, readme, [BLOCK])
+    study = Study(repeated("bench --unsteady", repeat), out, readme, "bench-unsteady")
     rows: list[dict[str, Any]] = []
     done: list[Run] = []
     for size in sizes:
@@ -228,9 +213,8 @@ def main(
     done += refined
     errors = error_rows(refined)
     costs, error_table = step_table(rows, sizes), table(errors, ERROR_COLUMNS, left=0, title=BEAM)
-    costs.print()
-    error_table.print()
-    study.write({CSV: lambda: pd.DataFrame(rows), STEPS_CSV: lambda: pd.DataFrame(errors)})
-    written = study.written(item.data for item in done) + study.links("More", (CSV, STEPS_CSV))
-    text = markdown([EXPLANATION, costs, ERROR_TEXT, error_table, written])
-    return study.publish([item.failure for item in done], {BLOCK: text})
+    files = {"bench-unsteady.csv": lambda: pd.DataFrame(rows), "bench-time-steps.csv": lambda: pd.DataFrame(errors)}
+    return study.finish(
+        [item.data for item in done], [costs, error_table], files,
+        costs=costs, errors=error_table, steps=STEPS, beam=BEAM, level=LEVEL, end=END, finest=FINEST,
+    )  # fmt: skip

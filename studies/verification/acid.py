@@ -15,8 +15,8 @@ from matplotlib.figure import Figure
 from scipy.optimize import brentq, curve_fit
 
 from ffsi.result.pictures import INK, to_small_png
-from studies.harness import Run, Study, run_one, side_by_side
-from studies.tables import columns, dress, markdown, table
+from studies.harness import Content, Run, Study, run_one, side_by_side
+from studies.tables import TextTable, columns, dress, table
 from studies.verification.acid_scenes import INNER, OUTER, scenes_of
 
 RUNS = Path("runs/acid")
@@ -186,30 +186,19 @@ def main(jobs: int = 1, runs: Path = RUNS, out: Path | None = None) -> list[str]
         runs: their folders, kept.
         out: folder of acid.md, acid.csv and acid.png.
     """
-    study = Study("verify --acid", out)
-    parts: list[Any] = []
+    study = Study("verify --acid", out, name="acid")
+    tests: list[tuple[Mapping[str, Any], TextTable, Mapping[str, Run]]] = []
     rows: list[Mapping[str, Any]] = []
     every: dict[str, Run] = {}
     for key, test in TESTS.items():
         scenes = scenes_of(key, test, runs / "meshes")
         done = side_by_side({n: partial(run_one, n, s, runs / n) for n, s in scenes.items()}, jobs, test["title"])
-        every |= done
         found = [_row(value, done) for value in expected(key)]
+        tests.append((test, table(found, COLUMNS, title=test["title"]), done))
+        every |= done
         rows += found
-        seconds = ", ".join(f"{name} {run.seconds:.0f} s" for name, run in done.items())
-        check = max(run.check_maximum for run in done.values())
-        parts += [
-            f"## {test['title']}", test["said"], table(found, COLUMNS),
-            f"Seconds: {seconds}. Largest number of the checker: {check:.1e}.",
-        ]  # fmt: skip
-        table(found, COLUMNS, title=test["title"]).print()
-    written = study.written(run.data for run in every.values()) + " Bar: what mesh and step still change."
-    study.write({
-        "acid.md": lambda: markdown(["# Acid tests", written, "![Histories](acid.png)", *parts]) + "\n",
-        "acid.csv": lambda: pd.DataFrame(rows),
-        "acid.png": lambda: to_small_png(draw(every)),
-    })  # fmt: skip
-    return [run.failure for run in every.values()]
+    files: dict[str, Content] = {"acid.csv": lambda: pd.DataFrame(rows), "acid.png": lambda: to_small_png(draw(every))}
+    return study.finish([run.data for run in every.values()], [shown for _, shown, _ in tests], files, tests=tests)
 
 
 def draw(runs: Mapping[str, Run]) -> Figure:

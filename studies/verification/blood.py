@@ -21,7 +21,7 @@ from ffsi.hemodynamics.walls import wall_labels, wall_points, wall_shear_stress
 from ffsi.scene import CASES as CATALOGUE
 from ffsi.scene import Aneurysm, Scene
 from studies.harness import Place, Run, Study, run_all
-from studies.tables import Column, TextTable, columns, markdown, table
+from studies.tables import Column, TextTable, columns, table
 from studies.verification import exact_flows as flows
 from studies.verification.exact_flows import RANGES, SLOWED, Measured, far_flow, worst
 
@@ -220,17 +220,11 @@ ANEURYSM_CASES = (
 )
 
 
-BLOCK, CSV, MARKDOWN = "blood", "blood.csv", "blood.md"
 RUNS = Path("runs/verify-blood")
 CHECK = 1e-8
 """Largest accepted residual or difference that the independent checker finds, and the bound of the mass balance."""
 PLANE, OSCILLATING, FAR, CHANGE, LONGEST = 1e-4, 5e-3, 3e-2, 1e-2, 900.0
 CHANGES = {"wss_mean_dome": "WSS dome", "effective_stress_max": "effective stress"}
-EXPLANATION = (
-    "Errors are (value - exact) / |exact|; `!` marks what misses its bound. Seconds: processor time of the script, one "
-    "thread. Largest check: the largest relative residual or difference that the independent checker finds, in time "
-    "over all saved states. Mass balance: flow rate in less flow rate out, over the former."
-)
 CASES = (*PLANE_CASES, *OSCILLATING_CASES, *ANEURYSM_CASES)
 
 
@@ -259,7 +253,7 @@ class BloodTable:
     """A table of one group of rows."""
 
     group: str  # its rows
-    text: str  # what stands above it, in Markdown
+    title: str  # on the terminal, and its name in the document
     labels: tuple[str, ...]  # headings of the first cells
     columns: Sequence[Column]  # the others
     finest: bool = False  # whether a short version has the rows of the finest mesh only
@@ -279,7 +273,7 @@ class BloodTable:
         if short and self.finest:
             own = [row for row in own if row.level == max(row.level for row in own)]
         labels = [Column(head, f"label {i}") for i, head in enumerate(self.labels)]
-        return table([row.cells for row in own], [*labels, *self.columns], title=self.text)
+        return table([row.cells for row in own], [*labels, *self.columns], title=self.title)
 
 
 _WALLS = ("walls, blood", "level")
@@ -295,40 +289,23 @@ def _far(ending: str) -> list[Column]:
 
 
 TABLES = (
-    BloodTable("plane",
-        "Plane channel, half height 1 mm, beside the exact flow of each viscosity law at a pressure gradient G: errors "
-        "of the gradient at the given mean velocity, and where they are largest of the velocity in the middle and of "
-        "the wall shear stress (WSS), which is G times the half height.", ("blood", "G Pa/m"),
+    BloodTable("plane", "Plane channel", ("blood", "G Pa/m"),
         columns(f"unknowns :.0f | seconds :.1f | mean velocity m/s = mean :.6g | G = gradient.error :% < {PLANE} | "
             f"largest velocity = largest.error :% < {PLANE} | WSS = wall_shear_stress.error :% < {PLANE} | {_CHECK}")),
-    BloodTable("oscillating",
-        "Womersley's flow in a plane channel, Womersley number 3, flow rate 1 + 0.75 sin(2πt): largest differences "
-        "over the third cycle, relative to the largest velocity and to the largest pressure drop.", ("level", "dt s"),
+    BloodTable("oscillating", "Womersley's flow", ("level", "dt s"),
         columns(f"unknowns :.0f | steps :.0f | seconds :.1f | velocity = velocity_difference :% < {OSCILLATING} | "
             f"pressure drop = pressure_difference :% < {OSCILLATING} | {_CHECK}")),
-    BloodTable("steady",
-        "Aneurysm, steady: pressure drop from inlet to outlet, beside that of the bent vessel at rest without a dome; "
-        "mean WSS on the dome; largest effective stress away from corners and clamped faces. *Held*: by the support "
-        "that the walls have in the pulsatile flow.", _WALLS,
+    BloodTable("steady", "Steady aneurysm", _WALLS,
         columns(f"unknowns :.0f | seconds :.1f | mass balance = mass_balance :.0e < {CHECK} | "
             "pressure drop Pa = pressure_drop :.4f | without a dome Pa = pressure_drop.reference :.4f | "
             f"WSS dome Pa = wss_mean_dome :.5f | effective stress Pa = effective_stress_max :.1f | {_CHECK}"),
         finest=True),
-    BloodTable("levels", "Its changes from one mesh level to the next:", ("walls, blood",), columns("|".join(
+    BloodTable("levels", "Changes by level", ("walls, blood",), columns("|".join(
         f"{title}, 1 to 2 = {name}_2 :% | {title}, 2 to 3 = {name}_3 :% < {CHANGE}"
         for name, title in CHANGES.items()))),
-    BloodTable("steady",
-        "The same far from the dome (angles around the bend's centre; inlet at 90°, neck from 126.5 to 141.4°, outlet "
-        "at 180°), beside the fully developed flow in a bent channel between the deformed walls: pressure difference "
-        "in the middle of the lumen over a range of angles, and at inner and outer wall the WSS of the edge that is "
-        "farthest off.", _WALLS, _far(""), finest=True),
-    BloodTable("steady",
-        "Elastic walls make the lumen wider towards the dome; blood that slows down gains pressure, and accelerated "
-        "loses it. The same beside the developed flow with that inertia, to first order; what is left comes, as with "
-        "rigid walls, from the inlet's parabola, the neck and the outlet.", _WALLS, _far(SLOWED), finest=True),
-    BloodTable("pulsatile",
-        "Aneurysm, pulsatile, four cycles at 84 beats per minute: TAWSS and OSI on the dome in the last one; change of "
-        "TAWSS from the third to the fourth cycle (L2 norm over the walls).", _WALLS,
+    BloodTable("steady", "Far from the dome", _WALLS, _far(""), finest=True),
+    BloodTable("steady", "Slowed flow", _WALLS, _far(SLOWED), finest=True),
+    BloodTable("pulsatile", "Pulsatile aneurysm", _WALLS,
         (*columns(f"unknowns :.0f | steps :.0f | seconds :.0f < {LONGEST} | per step = seconds_per_step :.3f | "
             "TAWSS mean Pa = tawss_mean_dome :.5f"), Column("min Pa (≥ 0)", "tawss_min_dome", "{:.5f}", least=0.0),
         *columns(f"OSI max = osi_max_dome :.0e | change = tawss_change :.0e < {CHANGE} | {_CHECK}"))),
@@ -339,18 +316,15 @@ def main(
     *, jobs: int = 1, out: Place = None, readme: Place = None, runs: Path = RUNS, cases: Sequence[BloodCase] = CASES
 ) -> list[str]:
     """Run everything, print its tables, and write them down. A second call goes on."""
-    study = Study("verify --blood", out, readme, [BLOCK])
+    study = Study("verify --blood", out, readme, "blood")
     done = run_all({case.folder: case.scene() for case in cases}, runs, jobs, study.command)
     rows = [_row(case, run, runs / case.folder) for case, run in zip(cases, done, strict=True)]
     rows += level_changes(rows)
-    for item in TABLES:
-        if (made := item.of(rows)).body:
-            made.print()
-    written = study.written(run.data for run in done)
-    parts = ["# Flow of blood", written, EXPLANATION, _tables(rows)]
-    study.write({CSV: lambda: to_frame(rows), MARKDOWN: lambda: markdown(parts) + "\n"}, digits="%.10g")
-    text = f"{_tables(rows, short=True)}\n\n{written} {EXPLANATION}{study.links('All meshes', [MARKDOWN])}"
-    return study.publish([run.failure for run in done], {BLOCK: text})
+    whole, short = ({item.title: item.of(rows, short=part) for item in TABLES} for part in (False, True))
+    return study.finish(
+        [run.data for run in done], [item for item in whole.values() if item.body],
+        {"blood.csv": lambda: to_frame(rows)}, "%.10g", whole=whole, short=short,
+    )  # fmt: skip
 
 
 def _row(case: BloodCase, run: Run, directory: Path) -> Row:
@@ -381,12 +355,6 @@ def level_changes(rows: Sequence[Row]) -> list[Row]:
         }
         found.append(Row("levels", own[-1].case.rpartition("-level-")[0], (label,), own[-1].level, numbers))
     return found
-
-
-def _tables(rows: Sequence[Row], *, short: bool = False) -> str:
-    """Return all tables that have rows, each under its text, in Markdown."""
-    made = [item.of(rows, short=short) for item in TABLES]
-    return markdown(part for item in made if item.body for part in (item.title, item))
 
 
 def to_frame(rows: Iterable[Row]) -> pd.DataFrame:

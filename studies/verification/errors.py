@@ -14,18 +14,13 @@ from matplotlib.figure import Figure
 from ffsi.result.pictures import to_png
 from ffsi.scene import CASES, load_scene
 from studies.harness import PLAIN, Run, Study, run_one, side_by_side
-from studies.tables import columns, dress, logarithmic, markdown, percent, table
+from studies.tables import columns, dress, logarithmic, percent, table
 
 RUNS = Path("runs/errors")
 LEVELS, FINEST = (0, 1, 2), 4
 MORE = {f"flap-{law} at {u} m/s": (f"flap-{law}", (f"inflow.mean_velocity={u}",))
         for law, u in (("svk", 0.02), ("neo-hookean", 0.03), ("mooney-rivlin-roof", 0.04))}  # fmt: skip
 """Scenes on which no bar was tuned, by their names: cases with other settings."""
-EXPLANATION = (
-    f"Every steady case of the catalogue, and flaps at other velocities, on levels {LEVELS[0]} to {LEVELS[-1]}; the "
-    f"error of a value is its difference from level {FINEST}, which is itself off by some per cent of it. "
-    "Effectivity: estimate over error, 1 is best; bar over error: at least 1 where the error is covered."
-)
 COLUMNS = columns(
     "case | levels with bars = meshes :d | values = count :d | covered :d | effectivity, median = effectivity :.2f | "
     "bar / error, median = width :.1f"
@@ -69,7 +64,7 @@ def summary(name: str, rows: pd.DataFrame) -> dict[str, Any]:
 
 def main(jobs: int = 1, runs: Path = RUNS, out: Path | None = None) -> list[str]:
     """Run what is missing; return the failures. Files in `out`: errors.md, errors.csv, errors.png."""
-    study = Study("verify --errors", out)
+    study = Study("verify --errors", out, name="errors")
     tasks = {}
     for name, (case, settings) in scenes().items():
         for level in (*LEVELS, FINEST):
@@ -84,21 +79,12 @@ def main(jobs: int = 1, runs: Path = RUNS, out: Path | None = None) -> list[str]
     per_case = [summary(str(name), own) for name, own in rows.groupby("case", sort=False)]
     whole = summary("all", rows)
     shown = table([*per_case, whole], COLUMNS)
-    shown.print()
-    head = ["# Error bars against errors", study.written(run.data for run in done.values()), EXPLANATION]
-    head.append(
-        f"{whole['covered']} of {whole['count']} errors are covered, {percent(whole['covered'] / whole['count'])[1:]}."
-    )
     without = [f"{name} on level {level}" for (name, level), run in done.items() if level != FINEST and _bare(run.data)]
-    tail = [f"Without bars: {', '.join(without) or 'none'}.", "![Bars over errors](errors.png)"]
-    study.write(
-        {
-            "errors.md": lambda: markdown([*head, shown, *tail]) + "\n",
-            "errors.csv": lambda: rows,
-            "errors.png": lambda: to_png(_picture(rows)),
-        }
-    )
-    return [run.failure for run in done.values()]
+    return study.finish(
+        [run.data for run in done.values()], [shown],
+        {"errors.csv": lambda: rows, "errors.png": lambda: to_png(_picture(rows))}, table=shown, whole=whole,
+        part=percent(whole["covered"] / whole["count"])[1:], without=without, levels=LEVELS, finest=FINEST,
+    )  # fmt: skip
 
 
 def _bare(data: Mapping[str, Any]) -> bool:

@@ -33,7 +33,7 @@ from ffsi.run.sweep import sweep
 from ffsi.scene import CASES, Scene, SceneError, load_scene, with_values
 from ffsi.script.render import render
 from studies.harness import Study, history_of, run_one, side_by_side
-from studies.tables import Column, TextTable, columns, markdown, table
+from studies.tables import Column, TextTable, columns, table
 
 DATA = Path(__file__).parents[1] / "data" / "hard"
 PLAIN = {"mesh.level": 0, "output.pictures": False, "output.vtu": False}
@@ -168,16 +168,7 @@ def select(entries: Mapping[str, Entry], only: str | None = None) -> list[Entry]
     return [entry for name, entry in entries.items() if name in found]
 
 
-CSV, MARKDOWN = "hard.csv", "hard.md"
 RUNS = Path("runs/hard")
-EXPLANATION = (
-    "Scenes that are harder than those of the catalogue, or just beside them, on mesh level 0, with what is expected "
-    "of each (studies/data/hard). Solved: converged, checked, and every number as expected. Refused rightly: "
-    "not solved, and the cause is named. Failed: not solved although it should be, or at too high a cost. Wrong: "
-    "converged and checked, but a number is not as expected, or what should fail was solved. No claim: "
-    "nothing is expected, or what it is compared with is not solved."
-)
-
 # Runs: each in a folder of its own, several at a time, and none twice -------------------------------------------------
 
 INVALID, ERROR = "refused", "error"
@@ -397,7 +388,7 @@ def _number(of: str, outcome: Outcome) -> float:
 
 def main(*, jobs: int = 1, out: Path | None = None, runs: Path = RUNS, only: str | None = None) -> list[str]:
     """Run the hard cases (`only` such as `h-*,k-creep`), and write all down; what is wrong is the failure `check`."""
-    study = Study("verify --hard" + (f" --only '{only}'" if only else ""), out)
+    study = Study("verify --hard" + (f" --only '{only}'" if only else ""), out, name="hard")
     titles, entries = load()
     outcomes = run_all(select(entries, only), runs, jobs)
     verdicts = {name: judge(outcome, outcomes) for name, outcome in outcomes.items()}
@@ -409,16 +400,15 @@ def main(*, jobs: int = 1, out: Path | None = None, runs: Path = RUNS, only: str
         found = Counter(own["verdict"])
         rows += [[title, str(len(own)), *(str(found[word] or "") for word in VERDICTS)]] if len(own) else []
     counted, wrong = TextTable(["group", "cases", *VERDICTS], rows), table(bad, WRONG_COLUMNS, left=3)
-    counted.print()
-    parts: list[str | TextTable] = ["# Hard cases", study.written({"freefem": o.freefem} for o in outcomes.values())]
-    parts += [EXPLANATION, counted]
-    if bad:
-        wrong.print()
-        parts += ["## Not as expected", wrong]
-    for group, title in titles.items():
-        if (groups == group).any():
-            parts += [f"## {title}", table(frame[groups == group].to_dict("records"), CASE_COLUMNS, left=4)]
-    study.write({CSV: lambda: frame, MARKDOWN: lambda: markdown(parts) + "\n"}, digits=None)
+    tables = {
+        title: table(frame[groups == group].to_dict("records"), CASE_COLUMNS, left=4)
+        for group, title in titles.items()
+        if (groups == group).any()
+    }
+    study.finish(
+        [{"freefem": outcome.freefem} for outcome in outcomes.values()], [counted, *([wrong] if bad else [])],
+        {"hard.csv": lambda: frame}, None, counted=counted, wrong=wrong, groups=tables,
+    )  # fmt: skip
     known = frame["failure"].isin(("not-converged", "not-reached", "stopped", "crash"))
     failures = frame["failure"].where((frame["verdict"] == FAILED) & known, "check")
     return failures.where(~frame["verdict"].isin(GOOD), "").tolist()

@@ -21,27 +21,14 @@ from ffsi.result.oscillation import blocks, reference_column
 from ffsi.result.pictures import FAINT, INK, to_small_png
 from ffsi.result.published import references
 from ffsi.scene import CASES, Scene, load_scene
-from studies.harness import PLAIN, Place, Run, Study, run_all
-from studies.tables import Column, TextTable, bounded, columns, dress, logarithmic, markdown, table
+from studies.harness import PLAIN, Content, Place, Run, Study, run_all
+from studies.tables import Column, TextTable, bounded, columns, dress, logarithmic, table
 
-BLOCK = "verification-unsteady"
-CSV, MARKDOWN, PICTURE = (f"{BLOCK}.{ending}" for ending in ("csv", "md", "png"))
 RUNS = Path("runs/verify")
 LARGEST = 40_000
 """Unknowns, at most, of the meshes that the bounds are meant for."""
 SHOWN_PERIODS = 2.5
 SIGNALS = {"tip_uy": "$u_y$ of the tip (m)", "lift": "lift (N/m)"}
-COSTS_TEXT = (
-    "t: where the run ended, with `!` if that was not where it should end. Seconds: processor time of the script, one "
-    "thread; seconds and iterations per step, new factors (rebuilds) in 100 steps. Check: the largest relative "
-    "residual or difference that the independent checker finds at the last step."
-)
-EXPLANATION = (
-    "Errors are (value - published) / |published|, of mean (max + min)/2, amplitude (max - min)/2 and frequency over "
-    "the last period; `!` marks what is above its bound. The bounds are meant for meshes of at most "
-    f"{LARGEST} unknowns; the first row of each table has the mesh and the time step of the catalogue and must meet "
-    "them. " + COSTS_TEXT
-)
 
 
 @dataclass(frozen=True)
@@ -196,25 +183,17 @@ def main(
     *, jobs: int = 1, out: Place = None, readme: Place = None, runs: Path = RUNS, cases: Cases = PERIODIC_CASES
 ) -> list[str]:
     """Run every case until it is periodic, print errors and costs, and write them down. A second call goes on."""
-    study = Study("verify --unsteady", out, readme, [BLOCK])
+    study = Study("verify --unsteady", out, readme, "verification-unsteady")
     plans = [plan for case in cases for plan in case.plans]
     done = run_all({plan.name: plan.scene for plan in plans}, runs, jobs, study.command)
     outcomes = list(zip(plans, done, strict=True))
     groups = {case: [item for item in outcomes if item[0].case == case] for case in cases}
     tables = [case_table(*group) for group in groups.items()]
-    for item in tables:
-        item.print()
-    written = study.written(run.data for run in done)
-    shown = markdown(part for item in tables for part in (f"`{item.title}`", item))
-    title = "Last periods, and errors over seconds"
-    parts = ["# Verification of the cases in time", written, EXPLANATION, shown, f"![{title}]({PICTURE})"]
-    study.write({
-        CSV: lambda: pd.DataFrame([line(*item) for item in outcomes]).astype(SIZES),
-        MARKDOWN: lambda: markdown(parts) + "\n",
-        PICTURE: lambda: to_small_png(draw(groups)),
-    })  # fmt: skip
-    text = f"{shown}\n\n{written} {EXPLANATION}{study.links(title, [PICTURE])}"
-    return study.publish([run.failure for run in done], {BLOCK: text})
+    files: dict[str, Content] = {
+        f"{study.name}.csv": lambda: pd.DataFrame([line(*item) for item in outcomes]).astype(SIZES),
+        f"{study.name}.png": lambda: to_small_png(draw(groups)),
+    }
+    return study.finish([run.data for run in done], tables, files, tables=tables, largest=LARGEST)
 
 
 def draw(groups: Mapping[PeriodicCase, Outcomes]) -> Figure:
@@ -273,15 +252,9 @@ def _errors(axes: Axes, case: PeriodicCase, outcomes: Outcomes) -> None:
 
 # Long runs ------------------------------------------------------------------------------------------------------------
 
-LONG_CSV, LONG_MARKDOWN = "long.csv", "long.md"
 SIGNAL = "tip_uy"
 BOUND = 1e-2
 """Largest accepted change of the amplitude from the last but one block to the last."""
-LONG_TEXT = (
-    f"Blocks of {PERIODS} periods of the tip's u_y each, from half of the final amplitude on: the amplitude is "
-    f"(max - min)/2 of a block. The change between the last two blocks must be below {100 * BOUND:g} %; `!` marks what "
-    "is not. min J: the smallest J = det F of fluid mesh and beam in a block. " + COSTS_TEXT
-)
 
 
 @dataclass(frozen=True)
@@ -381,23 +354,15 @@ def main_long(
     *, jobs: int = 1, out: Place = None, readme: Place = None, runs: Path = RUNS, cases: Sequence[LongCase] = LONG_CASES
 ) -> list[str]:
     """Run the long cases, print amplitudes and J of their blocks, and write them down. A second call goes on."""
-    study = Study("verify --long", out, readme, ["long"])
+    study = Study("verify --long", out, readme, "long")
     done = run_all({f"{case.name}-long": case.scene for case in cases}, runs, jobs, study.command)
     found = [LongRun(case, run) for case, run in zip(cases, done, strict=True)]
     summary = summary_table(found)
-    summary.print()
-    written = study.written(run.data for run in done)
     drawn = {item.case.picture: figure for item in found if (figure := item.draw()) is not None}
-    parts: list[str | TextTable] = ["# Long runs", written, LONG_TEXT, summary]
-    for item in found:
-        parts += [f"## {item.case.name}", f"![{item.case.name} over time]({item.case.picture})"]
-        parts.append(table(item.blocks, BLOCK_COLUMNS, title=item.case.name))
-    study.write({
-        LONG_CSV: lambda: long_frame(found),
-        LONG_MARKDOWN: lambda: markdown(parts) + "\n",
-        **{name: partial(to_small_png, figure) for name, figure in drawn.items()},
-    })  # fmt: skip
-    files = study.links("More", [LONG_MARKDOWN, *(case.picture for case in cases)])
-    return study.publish(
-        [run.failure for run in done], {"long": f"{summary.markdown()}\n\n{written} {LONG_TEXT}{files}"}
-    )
+    files: dict[str, Content] = {"long.csv": lambda: long_frame(found)}
+    files |= {name: partial(to_small_png, figure) for name, figure in drawn.items()}
+    return study.finish(
+        [run.data for run in done], [summary], files, summary=summary, periods=PERIODS, bound=BOUND,
+        tables={item.case.name: table(item.blocks, BLOCK_COLUMNS) for item in found},
+        pictures={case.name: case.picture for case in cases},
+    )  # fmt: skip

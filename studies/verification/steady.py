@@ -3,28 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
-from ffsi.cli import show
 from ffsi.scene import CASES, load_scene
 from studies.harness import Run, Study, solved
-from studies.tables import Column, TextTable, columns, markdown, number, percent, table, unsigned
+from studies.tables import Column, TextTable, columns, number, percent, table, unsigned
 from studies.verification.sources import COLUMNS, compared, reference_sets
 
-BLOCK, CSV, MARKDOWN = "verification", "verification.csv", "verification.md"
-EXPLANATION = (
-    "Errors are (value - reference) / |reference|. Seconds: all that `ffsi run` does, with check and pictures. "
-    "Largest check: the largest relative residual or difference that the independent checker finds."
-)
 SIZES = columns("level | unknowns | seconds :.1f")
 CHECK = Column("largest check", "check", "{:.0e}")
 TIP = "tip_uy"
-Parts = list[str | TextTable]
 
 
 @dataclass(frozen=True)
@@ -39,15 +32,6 @@ class Variant:
     # Pa; two small tractions, whose u_y per load is extrapolated to none and then taken at `load`.
     loads: tuple[float, ...] = ()
     load: float = 0.0  # Pa
-
-
-@dataclass(frozen=True)
-class Section:
-    """A part of the verification."""
-
-    title: str  # heading in `verification.md`; empty for the first section
-    variants: Sequence[Variant]  # what runs
-    parts: Callable[[Sequence[Run]], Parts]  # tables and texts of all runs
 
 
 def measure(variant: Variant, level: int) -> Run:
@@ -125,7 +109,6 @@ def differences(coarse: Run, fine: Run) -> dict[str, float]:
 FINEST = {"turek-fsi1": 4}  # finest mesh level where it is not 3
 SHORT_LEVEL = 2  # the level of the table in docs/results.md
 CAVITY = "cavity-flexible-floor"
-CAVITY_TITLE = "Channel over a cavity with a flexible floor, beside every published value:"
 
 
 def error_table(runs: Sequence[Run]) -> TextTable:
@@ -152,19 +135,15 @@ def cavity_table(runs: Iterable[Run]) -> TextTable:
     return table(rows, columns("source | u_y(4, -1) in m = tip_uy :.5f | F_y in N/m = lift :.4f"))
 
 
-def brief(runs: Sequence[Run]) -> Parts:
-    """Return every level of the cases in `FINEST`, level 2 (or the finest run) of the others; the cavity's finest."""
-    chosen, cavity = [], [own[-2:] for own in by_variant(runs) if own[0].name == CAVITY]
+def chosen(runs: Sequence[Run]) -> TextTable:
+    """Return the errors on every level of the cases in `FINEST`, on level 2 (or the finest) of the others."""
+    found: list[Run] = []
     for own in by_variant(runs):
-        near = [run for run in own if run.level == SHORT_LEVEL] or own[-1:]
-        chosen += own if own[0].name in FINEST else near
-    return [error_table(chosen), CAVITY_TITLE, cavity_table(*cavity)]
+        found += own if own[0].name in FINEST else [run for run in own if run.level == SHORT_LEVEL] or own[-1:]
+    return error_table(found)
 
 
-BENCHMARKS = Section(
-    "", [Variant(case, levels=range(FINEST.get(case, 3) + 1)) for case in CASES.steady if reference_sets(case)],
-    lambda runs: [error_table(runs), CAVITY_TITLE, cavity_table(runs)],
-)  # fmt: skip
+BENCHMARKS = [Variant(case, levels=range(FINEST.get(case, 3) + 1)) for case in CASES.steady if reference_sets(case)]
 
 # Cook's membrane ----------------------------------------------------------------------------------------------------
 
@@ -187,14 +166,6 @@ NEARLY_INCOMPRESSIBLE = _membrane("nearly-incompressible", _TEXT, *_NEARLY, _MIX
 _NAME = f"{NEARLY_INCOMPRESSIBLE.name}-displacement"
 DISPLACEMENT = _membrane(_NAME, "the same in displacements only", *_NEARLY, levels=(0,))
 MEMBRANES = (LINEAR, NEO_HOOKEAN, INCOMPRESSIBLE, NEARLY_INCOMPRESSIBLE, DISPLACEMENT)
-COOK_TEXT = (
-    "Cook's membrane, u_y(48, 60) in m; E and the traction t in Pa. Linear elasticity: u_y / t at two small loads, "
-    "extrapolated to none."
-)
-REASON = (
-    "ν 0.4999: the published 6.9083 is what bilinear elements give on 50 to 65 elements per side, still rising there; "
-    "quadratic ones, by two solvers, for two energies and for J = 1, meet at 6.934 to 6.936 (studies/data/README.md)."
-)
 
 
 def membrane_table(runs: Iterable[Run]) -> TextTable:
@@ -214,17 +185,11 @@ def published_table() -> TextTable:
     return TextTable(("membrane", "source", "u_y"), rows, left=2)
 
 
-COOK = Section("Cook's membrane", MEMBRANES, lambda runs: [COOK_TEXT, membrane_table(runs), REASON, published_table()])
-
 # The slender cantilever with a dead load at its tip -----------------------------------------------------------------
 
 # P L^2 / (E I), which is traction.y in Pa. Each run starts from rest on its coarsest mesh, where the many steps towards
 # a large load cost least: a sweep over the loads on a fine mesh would take them there.
 LOADS = [Variant("cantilever", f"load-{load}", f"{load}", (f"traction.y={load}",)) for load in (1, 2, 5, 10)]
-ELASTICA_TEXT = (
-    "Cantilever with a dead load P across its tip, length 100 times the thickness (L = 1 m), St. Venant-Kirchhoff, "
-    "beside the elastica (a beam that bends and does nothing else): deflection w and shortening u of the tip."
-)
 
 
 def load_table(runs: Iterable[Run]) -> TextTable:
@@ -237,8 +202,6 @@ def load_table(runs: Iterable[Run]) -> TextTable:
     return table(rows, [Column("P L² / (E I)", "text"), *SIZES, *both, CHECK])
 
 
-ELASTICA = Section("Cantilever and elastica", LOADS, lambda runs: [ELASTICA_TEXT, load_table(runs)])
-
 # The paper's flaps, of which nobody published values ----------------------------------------------------------------
 
 VELOCITY = 0.055  # m/s, mean inflow, the last of the paper's sweep
@@ -246,10 +209,6 @@ FLAPS = [
     Variant(case, f"inflow-{VELOCITY}", case, (f"inflow.mean_velocity={VELOCITY}",), range(5))
     for case in ("flap-neo-hookean", "flap-mooney-rivlin", "flap-neo-hookean-roof", "flap-mooney-rivlin-roof")
 ]
-FLAPS_TEXT = (
-    f"Flaps of the paper at a mean inflow of {VELOCITY} m/s: differences from one mesh level to the next, of the tip's "
-    "displacement (length of the difference over length) and of the drag."
-)
 FLAP_VALUES = columns("u_x in m = tip_ux :.5g | u_y in m = tip_uy :.5g | drag in N/m = drag :.5g")
 
 
@@ -259,33 +218,27 @@ def flap_table(runs: Iterable[Run]) -> TextTable:
     return table(rows_of(runs), [Column("case", "case"), *SIZES, *FLAP_VALUES, *changes, CHECK])
 
 
-FLAP_LEVELS = Section("Flaps over the mesh levels", FLAPS, lambda runs: [FLAPS_TEXT, flap_table(runs)])
-
 # All of it ----------------------------------------------------------------------------------------------------------
 
-SECTIONS = (BENCHMARKS, COOK, ELASTICA, FLAP_LEVELS)
-TEXTS = {variant.name: variant.text for section in SECTIONS for variant in section.variants}
+SECTIONS = (BENCHMARKS, MEMBRANES, LOADS, FLAPS)
+TEXTS = {variant.name: variant.text for section in SECTIONS for variant in section}
 
 
 def main(*, out: Path | None = None, readme: Path | None = None) -> list[str]:
     """Run every section, print its tables, and write them down."""
-    study = Study("verify", out, readme, [BLOCK])
-    done = [[measure(item, level) for item in section.variants for level in item.levels] for section in SECTIONS]
-    parts: Parts = []
-    for section, own in zip(SECTIONS, done, strict=True):
-        parts += [*([f"## {section.title}"] if section.title else []), *(full := section.parts(own))]
-        for part in full:
-            if isinstance(part, str):
-                show.note(part)
-            else:
-                part.print()
+    study = Study("verify", out, readme, "verification")
+    done = [[measure(item, level) for item in section for level in item.levels] for section in SECTIONS]
+    benchmarks, membranes, loads, flaps = done
+    tables = {
+        "errors": error_table(benchmarks), "cavity": cavity_table(benchmarks), "membranes": membrane_table(membranes),
+        "published": published_table(), "cantilevers": load_table(loads), "flaps": flap_table(flaps),
+    }  # fmt: skip
+    finest = cavity_table([run for run in benchmarks if run.name == CAVITY][-2:])
     runs = [run for own in done for run in own]
-    written = study.written(run.data for run in runs)
-    document = markdown(["# Verification", written, EXPLANATION, *parts]) + "\n"
-    study.write({CSV: lambda: to_frame(runs), MARKDOWN: lambda: document})
-    errors, *cavity = brief(done[0])  # behind its table the block says who wrote it
-    said = f"{written} {EXPLANATION}{study.links('All levels', [MARKDOWN])}"
-    return study.publish([run.failure for run in runs], {BLOCK: markdown([errors, said, *cavity])})
+    return study.finish(
+        [run.data for run in runs], tables.values(), {"verification.csv": lambda: to_frame(runs)},
+        tables=tables, chosen=chosen(benchmarks), finest_cavity=finest, velocity=VELOCITY,
+    )  # fmt: skip
 
 
 def to_frame(runs: Iterable[Run]) -> pd.DataFrame:

@@ -250,29 +250,24 @@ def test_a_sweep_is_one_chain_that_ends_at_its_first_failure(monkeypatch):
 
 
 def test_mesh_motions_are_run_and_written(tmp_path, monkeypatch, capsys):
-    readme = tmp_path / "README.md"
-    readme.write_text(README)
-
     def solved(sweep, motion):
         if motion == POOR:
             return track(motion, 0.0, failure="not-converged", sweep=sweep)
         return track(motion, 0.7, 0.5, sweep=sweep)
 
     monkeypatch.setattr(mesh_motion, "run", solved)
-    assert mesh_motion.main(out=tmp_path / "results", readme=readme) == []
+    assert mesh_motion.main(out=tmp_path / "results") == []
     assert len(pd.read_csv(tmp_path / "results/mesh-motion.csv")) == 2 * (2 * 7 + 1)
     assert (tmp_path / "results/mesh-motion.png").read_bytes().startswith(b"\x89PNG")
     text = (tmp_path / "results/mesh-motion.md").read_text()
     assert "rigid roof, harmonic, constant: failed at 0.02 m/s: the fluid mesh folds" in text
-    assert "Written by `python -m studies bench --mesh-motion`" in readme.read_text()
+    assert "Written by `python -m studies bench --mesh-motion`" in text
     out, err = capsys.readouterr()
     assert "hyperelastic, size" in out and "and so on" in err
 
 
-def test_a_sweep_that_no_mesh_motion_starts_is_a_failure(tmp_path, monkeypatch):
-    readme = tmp_path / "README.md"
-    readme.write_text(README)
+def test_a_sweep_that_no_mesh_motion_starts_is_a_failure(monkeypatch):
     monkeypatch.setattr(
         mesh_motion, "run", lambda sweep, motion: track(motion, 0.0, failure="not-converged", sweep=sweep)
     )
-    assert mesh_motion.main(readme=readme) == ["not-converged", "not-converged"] and readme.read_text() == README
+    assert mesh_motion.main() == ["not-converged", "not-converged"]
