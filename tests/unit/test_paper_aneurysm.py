@@ -94,7 +94,7 @@ def result(pulsatile: bool, failure: str = "") -> Any:
 
 def test_text() -> None:
     results = {variant: result(variant.pulsatile) for variant in aneurysm.VARIANTS}
-    text = aneurysm.document(results, ["figure-15-mesh.png"])
+    text = aneurysm.text_of(results, ["figure-15-mesh.png"])
     assert "Written by `python -m studies paper --aneurysm` (FreeFEM 4.9 with MUMPS)." in text
     assert text.count("](figure-15-mesh.png)") == 1 and "figure-16" not in text
     assert "| pulsatile | rigid, Carreau | 900 | 400 | 12.3 | 2e-11 | converged |" in text
