@@ -79,14 +79,16 @@ def test_memory_arguments_and_progress_of_a_script(run):
 
 
 def test_a_script_with_an_error(failure):
-    assert failure("cout << 1 << flush;").kind == "syntax"
+    error = failure("real f = 1.;\nreal g = f(2);\n" + END)
+    assert (error.kind, error.script_line) == ("syntax", 2) and "unknown operator (" in error.message
     error = failure("int a = 1;\nint b = 2\nint c = 3;\n" + END)
     assert (error.kind, error.script_line, error.source_line) == ("syntax", 3, "int c = 3;")
+    assert "before the token 'int'" in error.message
     error = failure("int a = 1;\n\nint b = foo(a);\n" + END)
     assert (error.kind, error.script_line, error.source_line) == ("syntax", 3, "int b = foo(a);")
-    assert "foo" in error.message
+    assert "identifier foo does not exist" in error.message
     error = failure('include "nothere.idp"\n' + END)
-    assert error.kind == "syntax" and "nothere.idp" in error.message
+    assert (error.kind, error.script_line) == ("syntax", 1) and "nothere.idp cannot be opened" in error.message
 
 
 def test_error_in_an_included_file(failure, tmp_path):
@@ -106,8 +108,8 @@ def test_singular_matrices_failing_asserts_and_plugins(failure):
     error = failure("func int f(int i) {\n  assert(i > 1);\n  return i;\n}\nint k = f(0);\n" + END)
     assert (error.kind, error.script_line, error.source_line) == ("assert", 2, "assert(i > 1);")
     error = failure('load "NoSuchPlugin"\n' + END)
-    assert error.kind == "missing-plugin" and "NoSuchPlugin" in error.message
-    assert error.source_line == 'load "NoSuchPlugin"'
+    assert error.kind == "missing-plugin" and error.source_line == 'load "NoSuchPlugin"'
+    assert "NoSuchPlugin does not load: NoSuchPlugin.so: cannot open" in error.message
     error = failure(MUMPS + SOLVE.format(form=ZERO, solver='"MUMPS"') + END)
     assert (error.kind, error.source_line) == ("singular-matrix", "x = A^-1*b;") and "-10" in error.message
     error = failure(SOLVE.format(form=ZERO, solver="UMFPACK") + "assert(x.linfty < 1);\n" + END)
@@ -121,16 +123,17 @@ def test_umfpack_goes_on_with_a_singular_matrix(run):
 
 @pytest.mark.parametrize("operation", ["1/n", "1%n", "1./n"])
 def test_division_by_zero(failure, operation):
-    assert failure(f"int n = 0;\nreal r = {operation};\n" + END).kind == "floating-point"
+    error = failure(f"int n = 0;\nreal r = {operation};\n" + END)
+    assert (error.kind, error.script_line) == ("floating-point", 0 if "%" in operation else 2)
 
 
 def test_what_ends_a_script(failure):
     error = failure("real[int] r(3);\n\nr(7) = 3;\n" + END)
     assert (error.kind, error.script_line) == ("crash", 3) and "0 <=7 < 3" in error.message
     error = failure("real[int] r(50000000000000);\n" + END)
-    assert (error.kind, error.script_line) == ("out-of-memory", 1)
+    assert (error.kind, error.script_line) == ("out-of-memory", 1) and "cannot be allocated" in error.message
     error = failure("border a(t=0, 1){x=t; y=0;}\nmesh Th = buildmesh(a(10));\n" + END)
-    assert error.kind == "crash" and "meshing error" in error.message
+    assert error.kind == "crash" and "meshing error: Bamg (All the vertices are aline" in error.message
     error = failure('{ ofstream f("/no/such/dir/file"); f << 1 << endl; }\n' + END)
     assert error.kind == "crash" and "/no/such/dir/file" in error.message
 

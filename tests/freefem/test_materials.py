@@ -71,8 +71,6 @@ def cook(material: str, formulation: str, constants: dict[str, float] | None = N
 
 # FreeFEM's own flux functions -----------------------------------------------------------------------------------------
 
-STEP = 6e-6  # of the difference quotients, as in the script
-
 
 def rotations(angles: np.ndarray) -> np.ndarray:
     cos, sin = np.cos(angles), np.sin(angles)
@@ -89,8 +87,6 @@ ARGUMENTS = {
     "turned": np.column_stack([(rotations(ANGLES) @ (IDENTITY + GRADIENTS) - IDENTITY).reshape(-1, 4), PRESSURES]),
     "rest": np.zeros((1, 5)),
     "rotation": np.column_stack([(rotations(ANGLES) - IDENTITY).reshape(-1, 4), 0.0 * ANGLES]),
-    "plus": STEP * np.eye(5),
-    "minus": -STEP * np.eye(5),
 }  # fmt: skip
 
 
@@ -132,11 +128,6 @@ class Fluxes:
     def stress(self, name: str) -> np.ndarray:
         """Return the first Piola-Kirchhoff stress, (n, 2, 2)."""
         return self.flux[name][:, :4].reshape(-1, 2, 2)
-
-    def tangent(self) -> np.ndarray:
-        """Return the derivatives of the fluxes (rows) with respect to the arguments (columns) at rest."""
-        columns = self.flux["plus"].shape[1]
-        return (self.flux["plus"] - self.flux["minus"])[:columns].T / (2 * STEP)
 
 
 def name_of(form: tuple[Any, ...]) -> str:
@@ -183,22 +174,6 @@ def test_stress_is_objective_and_none_at_rest(fluxes):
     modulus = fluxes.solid.young_poisson[0]
     np.testing.assert_allclose(fluxes.flux["rest"], 0.0, atol=1e-15 * modulus)
     np.testing.assert_allclose(fluxes.flux["rotation"], 0.0, atol=5e-15 * modulus)
-
-
-def test_tangent_at_rest_is_linear_elasticity(fluxes):
-    young, nu = fluxes.solid.young_poisson
-    unit, mu = np.eye(4), young / (2 * (1 + nu))
-    volume = np.array([1.0, 0.0, 0.0, 1.0])  # the trace of grad u, and the cofactor at rest
-    hooke, tangent = mu * (unit + unit[[0, 2, 1, 3]]), fluxes.tangent()
-    if fluxes.solid.incompressible:
-        isochoric = unit - np.outer(volume, volume) / 2
-        close(isochoric @ tangent[:4, :4] @ isochoric, isochoric @ hooke @ isochoric, 1e-8)
-        np.testing.assert_allclose([tangent[4, :4], tangent[:4, 4]], [-volume, -volume], rtol=0, atol=1e-9)
-        assert tangent[4, 4] == 0.0
-        return
-    if fluxes.solid.mixed:  # the pressure eliminated
-        tangent = tangent[:4, :4] - np.outer(tangent[:4, 4], tangent[4, :4]) / tangent[4, 4]
-    close(tangent, hooke + young * nu / ((1 + nu) * (1 - 2 * nu)) * np.outer(volume, volume), 1e-8)
 
 
 def assert_quadratic(history: pd.DataFrame) -> None:

@@ -1,18 +1,26 @@
 """Scales and tolerances come from what is there: free fall, rest, creeping flow, slow motion, high pressures."""
 
-import itertools
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
-from conftest import PLAIN
+from conftest import PLAIN, scene_of
+from own_mesh import write_mesh
+from structured import structured_mesh
+from units_scaling import compare, factor_of, first_steps, in_units
 
 import ffsi
+from ffsi.files.arrays import read_mesh, read_state
+from ffsi.hemodynamics.aneurysm import AneurysmState
 from ffsi.hemodynamics.result import Result
 from ffsi.reference import check_run
+from ffsi.result import pictures
+from ffsi.result.fields import Fields
+from ffsi.result.quantities import unit
 from ffsi.run.one_scene import solve
 from ffsi.scene import Scene, load_scene
 from ffsi.script.render import render
@@ -29,22 +37,12 @@ def run(case: str, *settings: str) -> Result:
 
 def block(path: Path) -> None:
     """Write a block of 1 m x 0.5 m with 4 x 2 squares cut into triangles, and the names of its sides."""
-    number = {(i, j): 3 * i + j + 1 for i in range(5) for j in range(3)}
-    nodes = [f"{n} {i / 4} {j / 4} 0" for (i, j), n in number.items()]
-    cells = []
-    for i in range(4):
-        for j in range(2):
-            a, b, c, d = (number[at] for at in ((i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1)))
-            cells += [f"2 2 1 1 {a} {b} {c}", f"2 2 1 1 {a} {c} {d}"]
-    sides = {"left": [(0, j) for j in range(3)], "right": [(4, j) for j in range(3)]}
-    sides |= {"floor": [(i, 0) for i in range(5)], "roof": [(i, 2) for i in range(5)]}
-    for tag, side in enumerate(sides.values(), 2):
-        cells += [f"1 2 {tag} {tag} {number[start]} {number[end]}" for start, end in itertools.pairwise(side)]
-    rows = [f"{n} {cell}" for n, cell in enumerate(cells, 1)]
-    names = ['2 1 "block"', *(f'1 {tag} "{name}"' for tag, name in enumerate(sides, 2))]
-    parts = ["$MeshFormat", "2.2 0 8", "$EndMeshFormat", "$PhysicalNames", str(len(names)), *names, "$EndPhysicalNames"]
-    parts += ["$Nodes", str(len(nodes)), *nodes, "$EndNodes", "$Elements", str(len(rows)), *rows, "$EndElements", ""]
-    path.write_text("\n".join(parts))
+    sides = {"left": 2, "right": 3, "floor": 4, "roof": 5}
+    at = {(0.0, "x"): 2, (1.0, "x"): 3, (0.0, "y"): 4, (0.5, "y"): 5}
+    mesh = structured_mesh(
+        np.linspace(0, 1, 5), np.linspace(0, 0.5, 3), lambda x, y: 1, lambda x, y: at.get((x, "x")) or at[y, "y"]
+    )
+    write_mesh(path, mesh, {"block": 1}, sides)
 
 
 @pytest.mark.parametrize("step", ["condensed", "newton"])
@@ -89,18 +87,22 @@ def test_a_fluid_at_rest_carries_the_cylinder(step):
     assert np.abs(rest.fields.velocity).max() < 1e-3 * math.sqrt(2 * 10 * 2.2)
 
 
-def test_water_at_rest_in_a_channel_of_metres_is_weighed_by_its_floor():
+@pytest.mark.parametrize("viscosity", [1.0, 1e-3])
+def test_water_at_rest_in_a_channel_of_metres_is_weighed_by_its_floor(viscosity):
     """The velocity of its fall, sqrt(g L), is a Reynolds number of 3e6: as a unit it made a singular matrix of rest."""
     scene = {
         "name": "basin", "geometry": {"kind": "channel", "length": 3.0, "height": 1.0}, "mesh": {"level": 0},
-        "fluid": {"density": 1000.0, "viscosity": 1e-3}, "inflow": {"mean_velocity": 0.0},
-        "outlet": {"kind": "do-nothing", "hydrostatic": True}, "gravity": {"y": -9.81}, "output": QUIET,
+        "fluid": {"density": 1000.0, "viscosity": viscosity}, "inflow": {"mean_velocity": 0.0},
+        "outlet": {"kind": "do-nothing", "hydrostatic": True}, "gravity": {"x": 3.0, "y": -9.81}, "output": QUIET,
     }  # fmt: skip
-    result = solve(Scene.model_validate(scene))
-    assert result.converged, result.reason
-    assert result.quantities["lift"] == pytest.approx(-1000 * 9.81 * 3.0, rel=1e-9)
-    # Rounding of the pressure, 1e-16 of 1e4 Pa, moves it against a viscosity of 1e-3 Pa s.
-    assert np.abs(result.fields.velocity).max() < 1e-8
+    rest = solve(Scene.model_validate(scene))
+    assert rest.converged, rest.reason
+    assert rest.quantities["lift"] == pytest.approx(-1000 * 9.81 * 3.0, rel=1e-9)
+    x, y = rest.fields.points.T
+    exact = 1000.0 * (3.0 * (x - 3.0) - 9.81 * (y - 1.0))  # from the outlet's upper end
+    assert abs(rest.fields.pressure - exact).max() < 1e-10 * abs(exact).max()
+    # Rounding of the pressure, 1e-16 of 1e4 Pa, moves it against the viscosity.
+    assert np.abs(rest.fields.velocity).max() < 1e-11 / viscosity
 
 
 @pytest.mark.parametrize("step", ["condensed", "newton"])
@@ -218,3 +220,75 @@ def test_a_point_further_on_starts_on_the_line_through_the_last_two(tmp_path):
     (history,) = tmp_path.rglob("newton.csv")
     first = pd.read_csv(history).groupby("point")["residual"].first()
     assert first[3] < 1e-3 < 0.1 < first[1]
+
+
+ACROSS = ["gravity.y=-9.81", "gravity.x=3", "outlet.hydrostatic=true"]
+KINDS = {
+    "do-nothing": [], "zero-traction": [], "pressure": ["outlet.pressure=5"], "resistance": ["outlet.resistance=3"],
+    "windkessel": ["outlet.proximal_resistance=1", "outlet.distal_resistance=2", "outlet.compliance=0.1"],
+}  # fmt: skip
+AREA = math.pi * 0.05**2  # of the cylinder, m^2; the density is 1 kg/m^3
+
+
+def cylinder(*settings: str) -> Result:
+    result = solve(scene_of("cylinder-2d1", *settings))
+    assert result.converged, result.reason
+    return result
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_only_buoyancy_is_added_to_a_flow(kind: str) -> None:
+    outlet = [f"outlet.kind={kind}", *KINDS[kind]]
+    plain, heavy = cylinder(*outlet), cylinder(*outlet, *ACROSS)
+    scale = abs(plain.quantities["drag"])
+    assert heavy.quantities["lift"] - plain.quantities["lift"] == pytest.approx(9.81 * AREA, abs=1e-4 * scale)
+    assert heavy.quantities["drag"] - plain.quantities["drag"] == pytest.approx(-3 * AREA, abs=1e-4 * scale)
+    assert heavy.warnings == plain.warnings == []
+
+
+UNITS = [(1e-6, 1.0, 1.0), (1e6, 1e-6, 1e6), (1e-6, 1e6, 1e-6), (1e6, 1e6, 1.0), (1.0, 1e-6, 1e-6)]
+NAMES = {"wall_shear_stress": "Pa", "effective_stress": "Pa"}
+
+
+def assert_close(found: np.ndarray, expected: np.ndarray) -> None:
+    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9 * np.nanmax(np.abs(expected)))
+
+
+@pytest.mark.parametrize("units", UNITS)
+def test_an_aneurysm_in_other_units(solved, units):
+    result = solved("aneurysm")
+    mesh = read_mesh(result.directory / "mesh.bin")
+    state = read_state(result.directory / "point-0001.bin", mesh)
+    length, speed, stress = (factor_of(name, *units) for name in ("m", "m/s", "Pa"))
+    scaled = replace(mesh, vertices=length * mesh.vertices)
+    other = replace(state, u=length * state.u, v=speed * state.v, p=stress * state.p, ps=stress * state.ps)
+    fields = Fields.from_raw(scaled, other, (2, 3))
+    found = AneurysmState(in_units(result.scene, *units), scaled, other, fields)
+    plain = result.aneurysm
+    assert list(found.quantities) == list(plain.quantities)
+    for name, value in plain.quantities.items():
+        expected = pytest.approx(value * factor_of(unit(name), *units), rel=1e-9, abs=1e-12 if unit(name) == "1" else 0)
+        assert found.quantities[name] == expected, name
+    for name, values in plain.point_data.items():
+        assert_close(found.point_data[name], values * factor_of(NAMES[name], *units))
+    wall, before = found.wall, plain.wall
+    assert wall["part"].tolist() == before["part"].tolist() and wall["line"].tolist() == before["line"].tolist()
+    for name, factor in {"arc": length, "x": length, "wss": stress, "pressure": stress}.items():
+        assert_close(wall[name].to_numpy(), before[name].to_numpy() * factor)
+    at = mesh.vertices[mesh.triangles].mean(axis=1)
+    for name, factor in {"ux": length, "vy": speed, "p": stress, "region": 1.0}.items():
+        assert_close(fields.sample(length * at)[name], result.fields.sample(at)[name] * factor)
+    assert all(len(pictures.to_png(pictures.draw(name, fields), 50)) > 1000 for name in pictures.available(fields))
+
+
+MIXTURES = {
+    "cook": (1e6, 1e-6, 1e3), "flap-neo-hookean": (1e-6, 1e6, 1e-3), "turek-cfd1": (1e3, 1e-6, 1e6),
+    "turek-csm3": (1e-6, 1e-6, 1e6), "turek-fsi3": (1e6, 1e-6, 1e-3),
+}  # fmt: skip
+LAWS = {"turek-cfd1": ['fluid={law="power-law", density=1000, consistency=1, exponent=0.6}']}
+
+
+@pytest.mark.parametrize("case", MIXTURES)
+def test_other_units_are_the_same_computation(tmp_path, case):
+    settings = ["mesh.level=0", "mesh.size_factor=2", *PLAIN, *first_steps(case, 5), *LAWS.get(case, [])]
+    assert compare(case, settings, *MIXTURES[case], tmp_path) < 1e-8

@@ -1,6 +1,5 @@
 """Meshes from Gmsh and the README's scene for them, through the command line: steady, in time, in a sweep."""
 
-import itertools
 import json
 import math
 import re
@@ -14,11 +13,20 @@ import numpy as np
 import pandas as pd
 import pytest
 import tomli_w
+from own_mesh import scene_on, write_mesh
+from PIL import Image
+from structured import structured_mesh
 
 from ffsi.cli.main import main
 from ffsi.files.arrays import read_mesh
+from ffsi.freefem import FreeFEMError
 from ffsi.hemodynamics.result import load_result
-from ffsi.scene import boundaries, load_scene
+from ffsi.result.domain import intended, meshed
+from ffsi.result.sketch import sketch
+from ffsi.run.meshing import mesh_of
+from ffsi.run.one_scene import solve
+from ffsi.scene import Scene, boundaries, load_scene
+from ffsi.scene.drafts import Answers, draft
 
 INNER, LUMEN, OUTER = 6.0, 9.0, 9.6  # radii of a bent vessel in mm: rigid inner wall, interface, outside of the wall
 START, TURN = math.radians(25), math.radians(70)
@@ -26,19 +34,13 @@ START, TURN = math.radians(25), math.radians(70)
 
 @pytest.fixture(scope="module")
 def vessel(tmp_path_factory) -> Iterator[Path]:
-    """Yield a folder with the mesh of the vessel in three formats of Gmsh, and its scene."""
+    """Yield a folder with the mesh of the vessel, and its scene."""
     folder = tmp_path_factory.mktemp("vessel")
     gmsh.initialize(interruptible=False)
     gmsh.option.setNumber("General.Terminal", 0)
     draw()
     gmsh.model.mesh.generate(2)
-    for name, version, binary in (("vessel", 4.1, 0), ("binary41", 4.1, 1), ("ascii22", 2.2, 0), ("binary22", 2.2, 1)):
-        gmsh.option.setNumber("Mesh.MshFileVersion", version)
-        gmsh.option.setNumber("Mesh.Binary", binary)
-        gmsh.write(str(folder / f"{name}.msh"))
-    gmsh.option.setNumber("Mesh.SaveAll", 1)
-    gmsh.option.setNumber("Mesh.MshFileVersion", 4.1)
-    gmsh.write(str(folder / "all.msh"))
+    gmsh.write(str(folder / "vessel.msh"))
     gmsh.finalize()
     (folder / "scene.toml").write_text(tomli_w.dumps(scene()))
     yield folder
@@ -95,13 +97,6 @@ def largest_check(folder: Path) -> float:
     data = json.loads((folder / "result.json").read_text())
     assert data["status"] == "converged"
     return max(value for value in data["check"].values() if value is not None)
-
-
-def test_all_files_of_gmsh_are_the_same_mesh(vessel) -> None:
-    plain = load_scene(vessel / "scene.toml").geometry
-    assert {b.label for b in boundaries(load_scene(vessel / "scene.toml"))} == {1, 2, 3, 6, 7, 40}
-    for name in ("binary41", "ascii22", "binary22", "all"):  # "all" holds curves and points of no group
-        assert load_scene(vessel / "scene.toml", [f"geometry.file={vessel / name}.msh"]).geometry == plain, name
 
 
 def test_steady(vessel, tmp_path) -> None:
@@ -196,83 +191,50 @@ def test_the_mesh_of_a_case_gives_its_result(turn, solved, tmp_path) -> None:
         assert found[name] == pytest.approx(wanted[name], rel=1e-8), name
 
 
-def beam(path: Path, curves: dict[str, str], noise: float = 0.0) -> None:
-    """Write a beam of 4 x 1 in Gmsh's format 4.1; `curves` gives the numbers of the groups of left, top and right."""
-    columns, rows = range(17), range(5)
-    number = lambda i, j: 5 * i + j + 1  # noqa: E731
-    sides = {
-        "left": [(number(0, j), number(0, j + 1)) for j in rows[:-1]],
-        "top": [(number(i, 4), number(i + 1, 4)) for i in columns[:-1]],
-        "right": [(number(16, j), number(16, j + 1)) for j in rows[:-1]],
-    }
-    cells = [
-        triangle
-        for i in columns[:-1]
-        for j in rows[:-1]
-        for a, b, c, d in [(number(i, j), number(i + 1, j), number(i + 1, j + 1), number(i, j + 1))]
-        for triangle in (((a, b, c), (a, c, d)) if (i + j) % 2 == 0 else ((a, b, d), (b, c, d)))
-    ]
-    entities = [f"{tag} 0 0 0 4 1 0 {len(curves[side].split())} {curves[side]} 0" for tag, side in enumerate(sides, 1)]
-    blocks = [(1, tag, 1, sides[side]) for tag, side in enumerate(sides, 1)] + [(2, 1, 2, cells)]
-    total = sum(len(block[-1]) for block in blocks)
-    places = np.array([(i / 4, j / 4) for i in columns for j in rows])
-    places += noise * np.random.default_rng(3).uniform(-1, 1, places.shape)
-    lines = ["$MeshFormat", "4.1 0 8", "$EndMeshFormat", "$PhysicalNames", "4", '1 5 "fixed"', '1 7 "push"']
-    lines += ['1 3 "right"', '2 1 "beam"', "$EndPhysicalNames", "$Entities", "0 3 1 0", *entities]
-    lines += ["1 0 0 0 4 1 0 1 1 0", "$EndEntities", "$Nodes", "1 85 1 85", "2 1 0 85", *map(str, range(1, 86))]
-    lines += [f"{x:.17g} {y:.17g} 0" for x, y in places] + ["$EndNodes", "$Elements", f"4 {total} 1 {total}"]
-    count = itertools.count(1)
-    for dimension, tag, kind, elements in blocks:
-        lines.append(f"{dimension} {tag} {kind} {len(elements)}")
-        lines += [f"{next(count)} {' '.join(map(str, nodes))}" for nodes in elements]
-    path.write_text("\n".join([*lines, "$EndElements", ""]))
-
-
-@pytest.mark.parametrize(("curves", "outline", "load", "tip", "shown"), [
-    # One way to say it is as good as another: once for each side, reversed, in two groups. The numbers are those
-    # of the sides in one group each.
-    ({"left": "5", "top": "", "right": "5"}, {"clamped": "fixed"}, "gravity", -0.0129073, "clamped 2 m, free 8 m"),
-    ({"left": "5", "top": "", "right": "-5"}, {"clamped": "fixed"}, "gravity", -0.0129073, "clamped 2 m, free 8 m"),
-    ({"left": "5", "top": "7", "right": "3 7"}, {"clamped": "fixed", "loaded": "push"}, "traction", -0.220858,
-     "clamped 1 m, free 4 m, loaded 5 m"),
-    ({"left": "3 5", "top": "-7", "right": "-7 -3"}, {"clamped": "fixed", "loaded": "push"}, "traction", -0.220858,
-     "clamped 1 m, free 4 m, loaded 5 m"),
-])  # fmt: skip
-def test_sides_in_two_groups_and_reversed(curves, outline, load, tip, shown, tmp_path, capsys) -> None:
-    beam(tmp_path / "beam.msh", curves)
-    solid = {"material": "neo-hookean", "density": 1000, "young_modulus": 1e7, "poisson_ratio": 0.3}
-    table = {
-        "name": "beam",
-        "geometry": {
-            "kind": "mesh", "file": "beam.msh", "regions": {"beam": "beam"}, "boundaries": outline,
-            "tip": {"x": 2.0, "y": 0.5},
-        },
-        "solid": {"beam": solid},
-        load: {"y": -9.81 if load == "gravity" else -1e4},
-        "output": {"pictures": False},
-    }  # fmt: skip
-    (tmp_path / "scene.toml").write_text(tomli_w.dumps(table))
-    assert run("run", tmp_path / "scene.toml", "--out", tmp_path / "out") == 0
-    printed = capsys.readouterr().out
-    assert printed.startswith(f"regions: beam 4 m²\nboundaries: {shown}\nbeam converged")
-    data = json.loads((tmp_path / "out" / "result.json").read_text())
-    assert data["quantities"]["tip_uy"] == pytest.approx(tip, rel=1e-5)
-    assert data["regions"] == pytest.approx({"beam": 4.0}, rel=1e-12)
-    found = {name: f"{name} {side['length']:g} m" for name, side in data["boundaries"].items()}
-    assert ", ".join(found.values()) == shown
-    assert all(side["role"] == name for name, side in data["boundaries"].items())
-
-
 def test_coordinates_straight_from_gmsh(tmp_path) -> None:
     """Noise of 1e-12 of the size in every coordinate, as on Gmsh's lines: the same value, and the check passes."""
-    values = []
+    values, random = [], np.random.default_rng(3)
+    solid = {"material": "st-venant-kirchhoff", "density": 1000, "young_modulus": 1e7, "poisson_ratio": 0.3}
     for noise in (0.0, 4e-12):
-        beam(tmp_path / "beam.msh", {"left": "5", "top": "", "right": ""}, noise)
-        solid = {"material": "st-venant-kirchhoff", "density": 1000, "young_modulus": 1e7, "poisson_ratio": 0.3}
-        geometry = {"kind": "mesh", "file": "beam.msh", "regions": {"beam": 1}, "boundaries": {"clamped": 5}}
-        table = {"name": "beam", "geometry": geometry, "solid": {"beam": solid}, "gravity": {"y": -9.81}}
-        (tmp_path / "scene.toml").write_text(tomli_w.dumps(table | {"output": {"pictures": False}}))
-        assert run("run", tmp_path / "scene.toml", "--out", tmp_path / "out") == 0
-        assert largest_check(tmp_path / "out") < 1e-9
-        values.append(json.loads((tmp_path / "out" / "result.json").read_text())["quantities"]["tip_uy"])
+        mesh = structured_mesh(np.linspace(0, 4, 17), np.linspace(0, 1, 5), lambda x, y: 1, lambda x, y: 1 + (x > 0))
+        mesh.vertices[:] += noise * random.uniform(-1, 1, mesh.vertices.shape)
+        path = write_mesh(tmp_path / "beam.msh", mesh, {"beam": 1}, {"left": 1, "rest": 2})
+        beam = scene_on(path, {"clamped": "left"}, {"beam": "beam"}, solid={"beam": solid}, gravity={"y": -9.81})
+        result = solve(beam, tmp_path / "out")
+        assert result.checked and largest_check(tmp_path / "out") < 1e-9
+        values.append(result.quantities["tip_uy"])
     assert values[1] == pytest.approx(values[0], rel=1e-9)
+
+
+@pytest.mark.parametrize("case", ["turek-fsi1", "aneurysm-pulsatile", "cook", "cylinder-2d1"])
+def test_the_mesh_is_that_of_the_scene(case):
+    scene = load_scene(case, ["mesh.level=0"])
+    found = mesh_of(scene)
+    assert meshed(scene, found.mesh)["regions"] == pytest.approx(intended(scene)["regions"], rel=0.01)
+    figure = sketch(scene, found.mesh)
+    words = {text.get_text() for text in figure.legends[0].get_texts()}
+    assert all(any(side.name in text and side.role in text for text in words) for side in boundaries(scene))
+    assert set(scene.exact_areas()) < words
+
+
+def test_meshes_are_those_of_runs_or_refused(solved):
+    scene = Scene.from_toml(draft("mine", Answers("channel-cavity", what="solid", level="0")))
+    assert list(meshed(scene, mesh_of(scene).mesh)["regions"]) == ["floor"]
+    result = solved("turek-fsi1")
+    found = mesh_of(result.scene)
+    assert (len(found.mesh.triangles), found.unknowns) == (result.data["triangles"], result.data["unknowns"])
+    with pytest.raises(FreeFEMError, match="smaller elements are needed there") as error:
+        mesh_of(load_scene("cylinder-2d1", ["mesh.level=0", "mesh.size_factor=30"]))
+    assert error.value.kind == "bad-input"
+
+
+def test_the_command_draws_a_draft(tmp_path, capsys):
+    path, picture = tmp_path / "mine.toml", tmp_path / "mine.png"
+    path.write_text(draft("mine", Answers("channel", level="0")))
+    with pytest.raises(SystemExit) as ended:
+        main(["show", str(path), "-o", str(picture)])
+    out, err = capsys.readouterr()
+    assert ended.value.code == 0 and str(picture) in err
+    assert Scene.from_toml(path.read_text()).heading in out and "unknowns" in out
+    with Image.open(picture) as image:
+        assert min(image.size) > 300 and len(image.getcolors(10**6) or []) > 50

@@ -9,7 +9,6 @@ from pathlib import Path
 import pytest
 
 from ffsi.cli.main import main
-from ffsi.scene import CASES
 from ffsi.scene.keys import markdown, scene_keys
 
 ROOT = Path(__file__).parents[2]
@@ -53,13 +52,6 @@ def test_pages_links_and_keys(tmp_path):
     assert page.partition("<!-- keys:begin -->\n")[2] == markdown()
 
 
-@pytest.mark.parametrize("case", CASES)
-def test_every_key_of_a_scene_is_among_the_keys(case):
-    scene = CASES[case]
-    for key in {**scene.parameters(), **scene.words()}:
-        assert scene_keys(key), key
-
-
 def test_a_key_says_what_is_accepted():
     by_key = {(item.key, item.only): item for item in scene_keys()}
     viscosity = by_key["fluid.viscosity", 'fluid.law = "newtonian"']
@@ -81,24 +73,8 @@ def test_the_command_lists_a_table_or_a_pattern(pattern, first, count, capsys):
     assert (ended.value.code, found[0]["key"], len(found)) == (0, first, count)
 
 
-@pytest.mark.parametrize(("arguments", "message"), [
-    (["fluid.densty"], "no key is 'fluid.densty' (did you mean \"fluid.density\"?)"),
-    (["turek-fsi1", "peak"], "no key of turek-fsi1 is 'peak' (did you mean \"inflow.peak_velocity\", "),
-    (["_velocity"], '(did you mean "inflow.mean_velocity", "inflow.peak_velocity", '),
-    (["xyz"], "no key is 'xyz'"),
-    (["fluid", "--markdown"], "--markdown prints all keys: give no CASE, no PATTERN and no --json"),
-])  # fmt: skip
-def test_the_command_refuses_what_it_does_not_know(arguments, message, capsys):
-    with pytest.raises(SystemExit) as ended:
-        main(["keys", *arguments])
-    assert ended.value.code == 2 and message in " ".join(capsys.readouterr().err.split())
-
-
 # What the README says of a case on a level: the largest error of these quantities, in per cent.
-CLAIMS = [
-    ("cylinder-2d1", 2, ("drag_coefficient",), 0.001),
-    ("cylinder-2d1", 2, ("lift_coefficient",), 0.1),
-]
+CLAIMS = [("cylinder-2d1", 2, ("drag_coefficient",), 0.001), ("cylinder-2d1", 2, ("lift_coefficient",), 0.1)]
 
 
 @pytest.mark.parametrize(("case", "level", "quantities", "claim"), CLAIMS)

@@ -1,6 +1,8 @@
 """run_script with shell scripts in the place of FreeFEM."""
 
 import contextlib
+import io
+import math
 import os
 import shutil
 import signal
@@ -13,8 +15,10 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from rich.console import Console
 
-from ffsi.freefem import Completed, FreeFEMError, Installation, child, process, run_script, stop_all
+from ffsi.cli.progress import ProgressDisplay
+from ffsi.freefem import Completed, Event, FreeFEMError, Installation, child, parse_event, process, run_script, stop_all
 from ffsi.freefem.errors import Ending, explain
 from ffsi.freefem.process import command_line
 
@@ -298,3 +302,109 @@ def test_arguments_keep_every_digit():
 def test_arguments_that_cannot_be_passed_on(arguments):
     with pytest.raises(ValueError, match=r"finite|no name|empty"):
         command_line(arguments)
+
+
+def test_lines_have_typed_fields_and_a_text():
+    event = parse_event(
+        "@ffsi newton point=1 points=10 residual=1.2e-5 correction=3e-4 step=1 stage=.5 case=turek-fsi1\n"
+    )
+    assert event is not None and event.kind == "newton"
+    assert event.fields == {
+        "point": 1, "points": 10, "residual": 1.2e-5, "correction": 3e-4, "step": 1, "stage": 0.5, "case": "turek-fsi1",
+    }  # fmt: skip
+    assert isinstance(event.fields["point"], int) and isinstance(event.fields["residual"], float) and event.text == ""
+    event = parse_event("@ffsi failed point=7 text=J = 0.1 at x=3, text=again")
+    assert event == Event("failed", {"point": 7}, "J = 0.1 at x=3, text=again")
+    assert parse_event("@ffsi warning text=") == Event("warning", {}, "")
+
+
+@pytest.mark.parametrize("value", ["nan", "-nan", "inf", "-inf"])
+def test_values_that_are_not_finite_are_numbers(value):
+    event = parse_event(f"@ffsi newton residual={value}")
+    assert event is not None and not math.isfinite(event.number("residual"))
+
+
+@pytest.mark.parametrize("word", ["12abc", "1e", "1_000", "infinite", "3.1.1", "0x10"])
+def test_what_only_starts_like_a_number_stays_text(word):
+    event = parse_event(f"@ffsi start case={word}")
+    assert event is not None and event.fields["case"] == word
+
+
+@pytest.mark.parametrize(
+    "line", ["", "init MUMPS_SEQ: MPI_Init", "@ffsinewton point=1", "see @ffsi end status=converged"]
+)
+def test_other_lines_are_no_events(line):
+    assert parse_event(line) is None
+
+
+@pytest.mark.parametrize("line", ["@ffsi", "@ffsi status=converged", "@ffsi point 7", "@ffsi point =7"])
+def test_a_marked_line_that_breaks_the_format_raises(line):
+    with pytest.raises(ValueError, match="progress line"):
+        parse_event(line)
+
+
+def test_accessors_fall_back_when_the_type_is_wrong():
+    event = Event("newton", {"point": "x", "residual": 2})
+    assert event.integer("point", 5) == 5 and event.number("residual") == 2.0 and math.isnan(event.number("case"))
+    assert event.word("residual") == "2"
+
+
+class Clock:
+    now = 0.0
+
+    def __call__(self):
+        return self.now
+
+
+def terminal(is_terminal=True):
+    stream = io.StringIO()
+    return stream, Console(file=stream, force_terminal=is_terminal, width=200)
+
+
+def feed(display, *lines):
+    for line in lines:
+        display(parse_event("@ffsi " + line))
+
+
+def test_sweeps_single_runs_and_chains_show_their_own():
+    clock = Clock()
+    stream, console = terminal()
+    with ProgressDisplay(console=console, clock=clock) as show:
+        feed(show, "start case=flap-svk", "newton point=1 points=4 iteration=2 residual=1.25e-5 load=1 stages=1")
+        assert show.seconds_left is None
+        clock.now = 90.0
+        feed(show, "point point=1 points=4 status=converged")
+        assert show.seconds_left == 270.0
+        feed(show, "newton point=2 points=4 iteration=3 residual=2e-7 stage=2 stages=2 load=0.5")
+        assert show.state == "1/4 done · point 2/4 · mesh 2/2 · load 0.5 · Newton 3 · residual 2.0e-07"
+    text = stream.getvalue()
+    assert "flap-svk" in text and "residual 2.0e-07" in text and "about 4:30 left" in text
+    _, console = terminal()
+    with ProgressDisplay(console=console) as show:
+        feed(show, "mesh stage=1 stages=2 level=1 triangles=10 unknowns=50")
+        assert show.state == "mesh 1/2, 50 unknowns"
+        feed(show, "newton point=1 points=1 iteration=5 residual=nan")
+        assert show.state == "Newton 5 · residual nan"
+        feed(show, "point point=1 points=1 status=converged")
+        assert show.seconds_left is None
+    clock = Clock()
+    with ProgressDisplay("sweep", points=8, console=console, clock=clock) as show:
+        clock.now = 10.0
+        feed(show, "point point=1 points=4 status=converged", "point point=1 points=4 status=failed")
+        assert show.finished == 2 and show.seconds_left == 30.0 and show.state.startswith("2/8 done")
+
+
+def test_nothing_at_all_when_it_is_no_terminal(capsys):
+    stream, console = terminal(is_terminal=False)
+    with ProgressDisplay("case", console=console) as show:
+        feed(show, "newton point=1 points=4 iteration=2 residual=1.25e-5", "point point=1 points=4 status=converged")
+    assert stream.getvalue() == ""
+    with ProgressDisplay("case") as show:  # pytest's stderr is no terminal
+        feed(show, "newton point=1 points=4 iteration=2 residual=1.25e-5")
+    captured = capsys.readouterr()
+    assert captured.out == "" and captured.err == ""
+    _, console = terminal()
+    with ProgressDisplay("case", console=console) as show:
+        feed(show, "point point=1 points=4 status=converged")
+        print("result")
+    assert capsys.readouterr().out == "result\n"

@@ -20,6 +20,7 @@ from test_reference_cases import (
     roof_problem,
     state_of,
 )
+from test_reference_check import LIES as STEADY_LIES
 from test_reference_check import copy, failing, largest, lied
 
 from ffsi.reference import momentum, terms
@@ -264,15 +265,11 @@ def test_step_of_a_wrong_solid_or_outlet_is_refused(module, name, wrong, roof, m
     assert failing(check_step(*arguments)) == {"momentum"}
 
 
-# What is changed by a thousandth of itself (at its largest value), and which checks must see it.
-LIES = {
+# A solid's displacement and velocity belong together, too.
+LIES = STEADY_LIES | {
     "u in the solid": ("u", "solid", {"momentum", "kinematics"}),
-    "u in the fluid": ("u", "fluid", {"mesh_motion", "momentum", "continuity"}),
     "u on the interface": ("u", "interface", {"mesh_motion", "momentum", "continuity", "kinematics"}),
     "v in the solid": ("v", "solid", {"momentum", "kinematics"}),
-    "v in the fluid": ("v", "fluid", {"momentum", "continuity"}),
-    "v at the inlet": ("v", "inlet", {"dirichlet"}),
-    "p": ("p", "wet", {"momentum"}),
 }
 
 
@@ -326,14 +323,6 @@ def test_steady_solutions_solve_every_step_within_the_tolerance(roof, flap):
         assert report.failures == []
         np.testing.assert_allclose(report.forces.total.residual, steady.residual, rtol=1e-12)
         np.testing.assert_allclose(report.forces.total.surface, steady.surface, rtol=1e-12)
-
-
-@pytest.mark.parametrize("name", ["drag", "lift", "drag_coefficient", "lift_coefficient"])
-def test_reported_forces_are_checked(flap, name):
-    *arguments, quantities = flap
-    lied = quantities | {name: quantities[name] * (1 + 2e-8)}
-    check = f"{name}_difference" if name in ("drag", "lift") else "coefficient_difference"
-    assert failing(check_step(*arguments, lied)) == {check}
 
 
 def test_forces_in_a_step_are_at_the_time_of_the_scheme(flap):

@@ -1,15 +1,25 @@
 """Reading a run folder, and evaluating its fields."""
 
 import json
+import re
+import threading
+from dataclasses import replace
 
+import meshio
 import numpy as np
 import pytest
-from run_folders import exact, make_run
+from run_folders import exact, given_state, make_run, structured_mesh
 
-from ffsi.files import folder
+from ffsi.files import folder, seals
+from ffsi.files.arrays import write_state
 from ffsi.files.errors import InputError
+from ffsi.freefem import FreeFEMError, FreeFEMNotFound
 from ffsi.hemodynamics.result import load_result, load_results
+from ffsi.result.fields import Fields
 from ffsi.result.quantities import flatten, unit
+from ffsi.result.vtu import write_vtu
+from ffsi.run import chain, one_scene
+from ffsi.scene import CASES, SceneError, load_scene, with_values
 
 result = pytest.fixture(lambda tmp_path: load_result(make_run(tmp_path / "run")))
 
@@ -134,3 +144,218 @@ def test_an_earlier_run_is_cleared_but_other_files_stay(tmp_path):
     (path / "notes.txt").write_text("mine")
     folder.prepare(path)
     assert [item.name for item in path.iterdir()] == ["notes.txt"]
+
+
+@pytest.fixture
+def fields() -> Fields:
+    mesh = structured_mesh(5, 2)
+    return Fields.from_raw(mesh, given_state(mesh))
+
+
+def test_round_trip_keeps_every_bit(tmp_path, fields):
+    write_vtu(tmp_path / "fields.vtu", fields)
+    back = meshio.read(tmp_path / "fields.vtu")
+    assert [block.type for block in back.cells] == ["triangle6"]
+    np.testing.assert_array_equal(back.points[:, :2], fields.points)
+    np.testing.assert_array_equal(back.cells[0].data, fields.cells)
+    np.testing.assert_array_equal(back.cell_data["region"][0], fields.region)
+    for name in ("displacement", "velocity"):
+        np.testing.assert_array_equal(back.point_data[name][:, :2], getattr(fields, name), err_msg=name)
+    np.testing.assert_array_equal(back.point_data["pressure"], fields.pressure)
+    assert [item.name for item in tmp_path.iterdir()] == ["fields.vtu"]
+
+
+@pytest.fixture
+def mixed() -> Fields:
+    """The block of region 2 is mixed, with a pressure that is linear on it and zero at other vertices."""
+    mesh, pressure = structured_mesh(5, 2), np.zeros((1, 18))
+    inside = np.unique(mesh.triangles[mesh.region == 2])
+    pressure[0, inside] = 1.0 + mesh.vertices[inside] @ [2.0, 3.0]
+    return Fields.from_raw(mesh, replace(given_state(mesh), ps=pressure), [2])
+
+
+def test_pressures_of_mixed_solids_are_kept_where_they_are(mixed, tmp_path, fields):
+    inside = np.isin(np.arange(len(mixed.points)), mixed.cells[mixed.region == 2])
+    np.testing.assert_allclose(mixed.solid_pressure[inside], 1.0 + mixed.points[inside] @ [2.0, 3.0], rtol=1e-14)
+    assert (mixed.solid_pressure[~inside] == 0.0).all() and inside.any() and not inside.all()
+    write_vtu(tmp_path / "mixed.vtu", mixed)
+    found = meshio.read(tmp_path / "mixed.vtu").point_data["solid_pressure"]
+    np.testing.assert_array_equal(found, mixed.solid_pressure)
+    write_vtu(tmp_path / "fields.vtu", fields)
+    assert "solid_pressure" not in meshio.read(tmp_path / "fields.vtu").point_data
+
+
+def test_pressures_belong_to_their_solids(tmp_path):
+    run = make_run(tmp_path / "run", "flap-neo-hookean")
+    scene, mesh = with_values(CASES["flap-neo-hookean"], {"solid.flap.formulation": "mixed"}), structured_mesh()
+    (run / "scene.toml").write_text(scene.to_toml())
+    write_state(run / "point-0001.bin", replace(given_state(mesh), ps=np.ones((1, len(mesh.vertices)))))
+    data = json.loads((run / "result.json").read_text())
+    seals.write(run / "result.json", data | {"files": seals.seal_all(run, ("point-*.bin", "scene.toml"))})
+    fields = load_result(run).fields
+    np.testing.assert_array_equal(np.flatnonzero(fields.solid_pressure), np.unique(mesh.p2[mesh.region == 2]))
+    mesh = structured_mesh(5, 2)
+    with pytest.raises(ValueError, match="pressures of 0 mixed solids, the scene has 1"):
+        Fields.from_raw(mesh, given_state(mesh), [2])
+
+
+def test_file_is_compressed_binary_with_vectors_that_paraview_can_warp_by(tmp_path, fields):
+    write_vtu(tmp_path / "fields.vtu", fields)
+    head = (tmp_path / "fields.vtu").read_bytes().decode("latin-1")
+    assert 'compressor="vtkZLibDataCompressor"' in head and 'format="ascii"' not in head
+    for name in ("displacement", "velocity"):
+        array = next(tag for tag in re.findall("<DataArray[^>]*>", head) if f'Name="{name}"' in tag)
+        assert 'NumberOfComponents="3"' in array
+
+
+CONTRACT = (
+    *("case", "status", "reason", "unknowns", "triangles", "level", "quantities", "newton"),
+    *("timings", "check", "freefem", "parameters"),
+)
+
+scene = pytest.fixture(lambda: load_scene("flap-svk", ["mesh.level=0"]))
+
+
+def velocities(*values):
+    return [{"inflow.mean_velocity": value} for value in values]
+
+
+def test_solve_leaves_a_complete_folder(tmp_path, freefem, check, scene):
+    result = one_scene.solve(scene, tmp_path / "run")
+    assert result.converged
+    data = json.loads((tmp_path / "run" / "result.json").read_text())
+    assert data == result.data and tuple(data)[: len(CONTRACT)] == CONTRACT and data["check"]["momentum"] == 1e-11
+    assert {"check", "pictures", "output", "total", "mesh"} <= set(data["timings"])
+    assert data["timings"]["output"] >= 0.05
+    assert {path.name for path in (tmp_path / "run").iterdir()} == {
+        *("case.edp", "scene.toml", "freefem.log", "mesh.bin", "newton.csv", "point-0001.bin", "point-0001.json"),
+        *("result.json", "fields.vtu", "velocity.png", "pressure.png", "displacement.png"),
+    }
+    assert load_result(tmp_path / "run").quantities == result.quantities
+
+
+def test_without_a_folder_the_files_live_as_long_as_the_result(freefem, check, scene):
+    result = one_scene.solve(scene)
+    directory = result.directory
+    assert (directory / "result.json").is_file() and result.at(1.0, 0.2)["region"] == 1
+    del result
+    assert not directory.exists()
+
+
+def test_a_failed_check_fails_loudly_and_keeps_the_solution(tmp_path, freefem, check, scene):
+    check.wrong = 0.12
+    result = one_scene.solve(scene, tmp_path / "run")
+    assert (result.status, result.failure, result.solved) == ("failed", "check", True)
+    assert result.reason == "the reference check disagrees: momentum: the relative residual of the momentum is 1.00e-03"
+    assert (tmp_path / "run" / "velocity.png").is_file()
+    assert one_scene.solve(scene, tmp_path / "run", check=False).converged
+
+
+def test_a_check_that_cannot_be_done_is_a_failure(tmp_path, freefem, monkeypatch, scene):
+    def refuse(*_, **__):
+        raise ValueError("parameters differ")
+
+    monkeypatch.setattr("ffsi.reference.check_run", refuse)
+    result = one_scene.solve(scene, tmp_path / "run")
+    assert (result.failure, result.reason) == ("check", "the reference check could not be done: parameters differ")
+
+
+def test_not_converged_keeps_the_last_state_and_is_not_checked(tmp_path, freefem, check, scene):
+    freefem.fail = 0.12
+    result = one_scene.solve(scene, tmp_path / "run")
+    assert (result.status, result.failure, result.reason) == ("failed", "not-converged", "J too small")
+    assert check.calls == [] and (tmp_path / "run" / "fields.vtu").is_file()
+    assert "last converged state" in result.title
+    full = load_scene("flap-svk", [])
+    assert result.at(0.61, 0.11)["uy"] == pytest.approx(0.5 * -0.05 * 0.11**2) and full.name == result.scene.name
+
+
+def test_a_crash_is_raised_and_recorded(tmp_path, freefem, check, scene):
+    freefem.die = 0.12
+    with pytest.raises(FreeFEMError, match="SIGSEGV"):
+        one_scene.solve(scene, tmp_path / "run")
+    data = json.loads((tmp_path / "run" / "result.json").read_text())
+    assert (data["status"], data["failure"]) == ("failed", "crash") and "SIGSEGV" in data["reason"]
+
+
+def test_nothing_is_written_without_freefem_or_into_a_foreign_folder(tmp_path, freefem, monkeypatch, scene):
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "notes.txt").write_text("x")
+    with pytest.raises(InputError, match="not empty"):
+        one_scene.solve(scene, tmp_path / "mine")
+
+    def missing():
+        raise FreeFEMNotFound("missing-binary", "no FreeFem++")
+
+    monkeypatch.setattr(one_scene, "find_freefem", missing)
+    with pytest.raises(FreeFEMNotFound):
+        one_scene.solve(scene, tmp_path / "new")
+    assert sorted(path.name for path in tmp_path.rglob("*")) == ["mine", "notes.txt"]
+
+
+def test_a_chain_checks_every_point_with_its_own_values(tmp_path, freefem, check, scene):
+    seen = []
+    results = chain.run_chain(scene, velocities(0.01, 0.02, 0.03), tmp_path / "chain", on_result=seen.append)
+    assert [result.quantities["drag"] for result in results] == [0.02, 0.04, 0.06]
+    assert check.calls == [(0.01, 1), (0.02, 2), (0.03, 3)] and [result.point for result in seen] == [1, 2, 3]
+    assert (tmp_path / "chain" / "points.txt").read_text() == "1\ninflow_mean_velocity\n3\n0.01\n0.02\n0.03\n"
+    assert (tmp_path / "chain" / "velocity-0003.png").is_file()
+    assert not (tmp_path / "chain" / "velocity-0002.png").exists() and load_result(tmp_path / "chain").point == 3
+    assert load_result(tmp_path / "chain", 2).scene.inflow.mean_velocity == 0.02
+    assert len(load_results(tmp_path / "chain")) == 3
+    assert results[1].data["timings"]["total"] == pytest.approx(0.4, abs=0.2)
+
+
+def test_points_are_checked_while_freefem_goes_on(tmp_path, freefem, check, scene):
+    first, in_time = threading.Event(), []
+
+    def wait_for_the_first_result(event):
+        if event.integer("point") == 1:
+            in_time.append(first.wait(10))
+
+    results = chain.run_chain(
+        scene, velocities(0.01, 0.02), tmp_path / "chain", on_event=wait_for_the_first_result,
+        on_result=lambda result: first.set(),
+    )  # fmt: skip
+    assert in_time == [True] and len(results) == 2
+
+
+def test_a_chain_that_dies_keeps_its_complete_points(tmp_path, freefem, check, scene):
+    freefem.die = 0.03
+    results = chain.run_chain(scene, velocities(0.01, 0.02, 0.03, 0.04), tmp_path / "chain")
+    assert [result.failure for result in results] == ["", "", "crash", "crash"] and "SIGSEGV" in results[2].reason
+    assert load_result(tmp_path / "chain").point == 2
+
+
+def test_points_after_a_failed_one_are_not_reached(tmp_path, freefem, check, scene):
+    freefem.fail = 0.02
+    results = chain.run_chain(scene, velocities(0.01, 0.02, 0.03), tmp_path / "chain")
+    assert [result.failure for result in results] == ["", "not-converged", "not-reached"]
+    assert results[2].reason == "not reached: point 2 of the chain failed (J too small)"
+
+
+def test_a_failure_is_sealed_by_its_own_point_alone(tmp_path, freefem, check, scene):
+    """The point before it may be finished while the script is still writing what failed."""
+    check.wait_for, freefem.fail = tmp_path / "chain" / "failed.json", 0.02
+    results = chain.run_chain(scene, velocities(0.01, 0.02), tmp_path / "chain")
+    assert ["failed.json" in result.data["files"] for result in results] == [False, True]
+
+
+def test_a_wrong_point_in_a_chain_is_found(tmp_path, freefem, check, scene):
+    check.wrong = 0.02
+    results = chain.run_chain(scene, velocities(0.01, 0.02, 0.03), tmp_path / "chain", draw="none")
+    assert [result.failure for result in results] == ["", "check", ""]
+    assert not list((tmp_path / "chain").glob("*.png"))
+
+
+@pytest.mark.parametrize(("points", "error", "message"), [
+    ([], InputError, "at least one point"),
+    ([{"fluid.viscosity": 1e-3}, {"fluid.density": 1.0}], InputError, "same keys"),
+    ([{"mesh.level": 0}, {"mesh.level": 1}], InputError, "mesh.level cannot change within one chain"),
+    ([{"inflow.mean_velocitty": 0.1}], SceneError, "inflow.mean_velocity"),
+    ([{"fluid.density": -1.0}], SceneError, "fluid.density"),
+])  # fmt: skip
+def test_bad_chains_write_nothing(tmp_path, freefem, scene, points, error, message):
+    with pytest.raises(error, match=message):
+        chain.run_chain(scene, points, tmp_path / "chain")
+    assert list(tmp_path.iterdir()) == []

@@ -1,14 +1,20 @@
-"""Materials: their constants, formulations and conversions."""
+"""Materials, viscosity laws and values with units: constants, conversions, what is refused."""
 
 import math
-from typing import Literal, get_args
+from collections.abc import Iterator
+from typing import Any, Literal, get_args
 
+import numpy as np
 import pytest
-from pydantic import Field
+from pydantic import BaseModel, Field
+from test_scene_malformed import check
 
-from ffsi.scene import CASES, SceneError
+from ffsi.scene import CASES, Newtonian, Scene, SceneError, load_scene, with_values
+from ffsi.scene.fluids import LAWS, Carreau, Casson, Fluid, PowerLaw
 from ffsi.scene.materials import MATERIALS, Elastic, MooneyRivlin, NeoHookean, Solid, StVenantKirchhoff
-from ffsi.scene.units import Modulus
+from ffsi.scene.numerics import Solver
+from ffsi.scene.units import Modulus, Quantity, to_si
+from ffsi.scene.validation import models
 
 
 def svk(**values: object) -> StVenantKirchhoff:
@@ -109,3 +115,142 @@ def test_materials_are_their_constants_and_values_at_rest() -> None:
         {"young_modulus": 5600, "poisson_ratio": 0.4, "lame_lambda": 8000, "lame_mu": 2000, "bulk_modulus": 28000 / 3}
     )
     assert not solid.mixed
+
+
+CASE = "turek-cfd1"
+CASSON = "fluid={law='casson', density=1060, yield_stress='5 mPa', viscosity_infinity='3.5 mPa s'}"
+POWER_LAW = "fluid={law='power-law', density=1060, consistency=0.0147, exponent=0.7755}"
+
+
+def test_laws_are_those_of_the_union() -> None:
+    assert tuple(LAWS.values()) == get_args(get_args(Fluid)[0])
+    assert {name: law.model_fields["law"].annotation for name, law in LAWS.items()} == {
+        name: Literal[name] for name in LAWS
+    }
+
+
+@pytest.mark.parametrize(("overrides", "expected"), [
+    ((), Newtonian(density=1000, viscosity=1)),
+    (("fluid.law=newtonian",), Newtonian(density=1000, viscosity=1)),
+    (("fluid={density=2, viscosity=3}",), Newtonian(density=2, viscosity=3)),
+    (("fluid.law=carreau",), Carreau(density=1000)),
+    (("fluid.law=carreau", "fluid.exponent=-0.25", "fluid.time_constant_squared=4 s^2", "fluid.density=1060"),
+     Carreau(density=1060, exponent=-0.25, time_constant_squared=4)),
+    ((CASSON,), Casson(density=1060, yield_stress=0.005, viscosity_infinity=0.0035)),
+    ((CASSON, "fluid.regularisation=0.1 s^-1"),
+     Casson(density=1060, yield_stress=0.005, viscosity_infinity=0.0035, regularisation=0.1)),
+    ((POWER_LAW,), PowerLaw(density=1060, consistency=0.0147, exponent=0.7755, regularisation=0.01)),
+    ((POWER_LAW, "fluid.exponent=1.2"), PowerLaw(density=1060, consistency=0.0147, exponent=1.2)),
+])  # fmt: skip
+def test_a_law_has_its_own_constants(overrides: tuple[str, ...], expected: Fluid) -> None:
+    scene = load_scene(CASE, list(overrides))
+    assert type(scene.fluid) is type(expected) and scene.fluid == expected and Scene.from_toml(scene.to_toml()) == scene
+
+
+def test_carreau_is_blood_and_a_new_law_keeps_what_it_knows() -> None:
+    """The constants of the paper's equation (30)."""
+    assert Carreau(density=1060).model_dump() == {
+        "density": 1060, "viscosity_zero": 0.056, "viscosity_infinity": 0.00345, "time_constant_squared": 10.976,
+        "exponent": -0.3216, "law": "carreau",
+    }  # fmt: skip
+    casson = load_scene(CASE, [CASSON])
+    carreau = with_values(casson, {"fluid.law": "carreau", "fluid.viscosity_zero": 1.0})
+    assert carreau.fluid == Carreau(density=1060, viscosity_zero=1, viscosity_infinity=0.0035)
+    assert with_values(casson, {"fluid.law": "newtonian", "fluid.viscosity": 2.0}).fluid == Newtonian(
+        density=1060, viscosity=2
+    )
+    with pytest.raises(SceneError, match="fluid: not accepted"):
+        with_values(CASES["cook"], {"fluid.law": "carreau", "fluid.density": 1.0})
+
+
+@pytest.mark.parametrize(("overrides", "fragments"), [
+    (["fluid.law=bingham"], ['fluid.law = "bingham":', '"newtonian", "carreau", "power-law", "casson"']),
+    (["fluid.law=carreau", "fluid.viscosity_zero=3e-3"],
+     ["fluid.viscosity_zero = 0.003 Pa s:", "at least viscosity_infinity = 0.00345 Pa s"]),
+    (["fluid.law=3"], ["fluid.law = 3:", "accepted:"]),
+    (["fluid.law=power-law"], ["fluid.consistency: missing;", "consistency c, Pa s^m", "fluid.exponent: missing;"]),
+    (["fluid.law=casson"], ["fluid.yield_stress: missing;", "fluid.viscosity_infinity: missing;", "Pa s"]),
+    (["fluid.law=carreau", "fluid.viscosity=1"], ["fluid.viscosity = 1:", "unknown key", 'with the law "carreau"']),
+    (["fluid.viscosity_zero=1"], ["fluid.viscosity_zero = 1:", 'with the law "newtonian" has "density"']),
+    (["fluid.law=carreau", "fluid.exponent=0.3568"], ["fluid.exponent = 0.3568:", ">= -0.5 and < 0"]),
+    (["fluid.law=carreau", "fluid.time_constant_squared=3 s"],
+     ["fluid.time_constant_squared =", "wrong dimension", 'such as "10 s^2"']),
+    ([POWER_LAW, "fluid.consistency=1 Pa s"], ["fluid.consistency", "text", "a number > 0 in Pa s^m"]),
+    ([POWER_LAW, "inflow.profile=womersley", "inflow.waveform=mca", "time.step=0.1", "time.end=1"],
+     ['inflow.profile = "womersley":', 'fluid.law = "power-law"']),
+    ([CASSON, "fluid.regularization=1"], ["fluid.regularization", 'mean "fluid.regularisation"']),
+])  # fmt: skip
+def test_malformed_laws(overrides: list[str], fragments: list[str]) -> None:
+    with pytest.raises(SceneError) as caught:
+        load_scene(CASE, overrides)
+    check(caught.value, fragments)
+
+
+@pytest.mark.parametrize("fluid", [5, "blood", [1.0]])
+def test_a_fluid_is_a_table(fluid: Any) -> None:
+    with pytest.raises(SceneError, match=r"^fluid = .*: must be a table"):
+        with_values(CASES[CASE], {"fluid": fluid})
+
+
+@pytest.mark.parametrize(("text", "unit", "value"), [
+    ("3.5 mPa s", "Pa s", 0.0035), ("3.5mPa*s", "Pa s", 0.0035), ("1 cP", "Pa s", 0.001), ("1 kg/(m s)", "Pa s", 1.0),
+    ("1 kg/m/s", "Pa s", 1.0), ("2 N s/m^2", "Pa s", 2.0), ("3 µPa s", "Pa s", 3e-6), ("2.5 m", "m", 2.5),
+    ("25cm", "m", 0.25), ("+.5e1 mm", "m", 0.005), ("-1 inch", "m", -0.0254), ("0.012 m/s", "m/s", 0.012),
+    ("12 mm/s", "m/s", 0.012), ("36 km/h", "m/s", 10.0), ("9.81 m s^-2", "m/s^2", 9.81), ("9.81 m/s²", "m/s^2", 9.81),
+    ("1 g/cm^3", "kg/m^3", 1000.0), ("1 g/cm**3", "kg/m^3", 1000.0), ("1060 kg/m3", "kg/m^3", 1060.0),
+    ("0.5 MPa", "Pa", 5e5), ("120 mmHg", "Pa", 15998.68641), ("2 min", "s", 120.0),
+])  # fmt: skip
+def test_conversion(text: str, unit: str, value: float) -> None:
+    assert to_si(text, unit) == pytest.approx(value, rel=1e-7 if "mmHg" in text else 1e-15, abs=0.0)
+
+
+@pytest.mark.parametrize("text", [
+    "", "m", "1", "1 2 m", "1 m s", "1 m^2", "1 kg", "1 degC", "1 m m^-2", "1..2 m", "1 m/", "1 m//s", "9**9**9 m",
+    "1 m**99", "1 (m", "__import__('os') m", "1 __class__", "1 m; 2", "1e9999 m", "0x10 m", "nan m", "inf m",
+    "1 m" + " " * 80,
+])  # fmt: skip
+def test_refused(text: str) -> None:
+    with pytest.raises(ValueError, match=r"unit|number|dimension|convert"):
+        to_si(text, "m")
+
+
+def test_numbers_are_si_and_become_floats() -> None:
+    fluid = Newtonian(density=1, viscosity=np.float64(2e-3))
+    assert (fluid.density, fluid.viscosity) == (1.0, 0.002) and type(fluid.density) is float
+    assert type(fluid.viscosity) is float and type(Solver(max_iterations=np.int64(7)).max_iterations) is int
+    assert Solver(max_iterations=7.0).max_iterations == 7
+
+
+@pytest.mark.parametrize("value", [True, None, float("nan"), float("inf"), 1j, [1.0], 10**400, "1e-3"])
+def test_no_number(value: Any) -> None:
+    with pytest.raises(SceneError):
+        Newtonian(density=1, viscosity=value)
+
+
+def fields(model: type[BaseModel], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    for name, field in model.model_fields.items():
+        yield prefix + name, field
+        inner = models(field.annotation)
+        if field.annotation is not None and str(field.annotation).startswith("dict"):
+            inner = models(field.annotation.__args__[1])
+        for table in inner:
+            yield from fields(table, f"{prefix}{name}.")
+
+
+def quantities(thing: Any) -> list[Quantity]:
+    found = [item for item in getattr(thing, "metadata", []) if type(item) is Quantity]
+    found += [item for item in getattr(thing, "__metadata__", []) if type(item) is Quantity]
+    inner = getattr(thing, "annotation", None)
+    parts = [*getattr(thing, "__args__", ()), *([inner] if inner is not None else [])]
+    return found + [item for part in parts for item in quantities(part)]
+
+
+def test_every_description_states_the_unit() -> None:
+    seen = 0
+    for key, field in fields(Scene):
+        assert field.description, key
+        for quantity in quantities(field):
+            expected = "dimensionless" if quantity.unit == "1" else f", {quantity.unit}"
+            assert field.description.endswith(expected), key
+            seen += 1
+    assert seen > 40

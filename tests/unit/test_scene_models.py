@@ -1,126 +1,30 @@
-"""Catalogue, defaults, materials, TOML, overrides."""
+"""Catalogue, defaults, scenes in time, TOML."""
 
+import math
 import pickle
 import tomllib
 
+import numpy as np
 import pytest
 
 from ffsi.scene import CASES, Newtonian, Scene, SceneError, load_scene, with_values
 from ffsi.scene.flow import Inflow
 from ffsi.scene.geometry import FlapChannel
 from ffsi.scene.geometry.channel_cylinder import Beam, ChannelCylinder
-from ffsi.scene.geometry.solids import Cantilever, CookMembrane
-from ffsi.scene.materials import StVenantKirchhoff
+from ffsi.scene.geometry.solids import CookMembrane
 from ffsi.scene.model import Traction
 from ffsi.scene.outlet import Outlet
-
-FLUIDS = ("turek-cfd1", "turek-cfd2", "turek-cfd3", "cylinder-2d1", "cylinder-2d2")
-SOLIDS = ("turek-csm1", "turek-csm2", "turek-csm3", "cook", "cantilever")
-BOTH = (
-    *("flap-svk", "flap-neo-hookean", "flap-mooney-rivlin", "flap-neo-hookean-roof", "flap-mooney-rivlin-roof"),
-    *("turek-fsi1", "turek-fsi2", "turek-fsi3", "cavity-flexible-floor"),
-    *("aneurysm", "aneurysm-carreau", "aneurysm-pulsatile"),
-)
-PHYSICS = dict.fromkeys(FLUIDS, "fluid") | dict.fromkeys(SOLIDS, "solid") | dict.fromkeys(BOTH, "fsi")
+from ffsi.scene.time import Time
 
 
-def svk(**values: object) -> StVenantKirchhoff:
-    return StVenantKirchhoff(material="st-venant-kirchhoff", density=1, **values)
-
-
-def test_catalogue_physics_and_levels() -> None:
-    assert {name: scene.physics for name, scene in CASES.items()} == PHYSICS and list(CASES) == sorted(PHYSICS)
-    in_time = {"turek-cfd3", "turek-csm3", "turek-fsi2", "turek-fsi3", "cylinder-2d2", "aneurysm-pulsatile"}
-    assert CASES.steady == [name for name in sorted(PHYSICS) if name not in in_time]
-    assert all(scene.steady == (name not in in_time) for name, scene in CASES.items())
+def test_the_catalogue_has_names_descriptions_and_its_steady_cases() -> None:
+    """Its values are those of edp/ (test_render.py)."""
+    assert list(CASES) == sorted(CASES) and CASES.steady == [name for name, scene in CASES.items() if not scene.time]
     assert all(name == scene.name and scene.description for name, scene in CASES.items())
-    levels = {name: scene.mesh.level for name, scene in CASES.items()}
-    assert levels == {name: 1 if name.startswith("flap-") else 2 for name in CASES}
+    assert all(scene.steady == (name in CASES.steady) for name, scene in CASES.items())
 
 
-@pytest.mark.parametrize(("case", "values"), [
-    ("flap-svk", {"fluid.density": 1, "fluid.viscosity": 1e-3, "solid.flap.density": 1, "solid.flap.lame_lambda": 8,
-     "solid.flap.lame_mu": 2, "inflow.mean_velocity": 0.12, "forces.reference_length": 0.2, "mesh.root_size": 0.01,
-     "geometry.flap_left": 0.5, "geometry.flap_width": 0.04, "geometry.flap_height": 0.2, "geometry.length": 2.5,
-     "geometry.height": 0.4}),
-    ("flap-neo-hookean", {"solid.flap.density": 1, "solid.flap.lame_lambda": 8, "solid.flap.lame_mu": 2,
-     "inflow.mean_velocity": 0.12, "mesh.level": 1, "mesh.root_size": None, "mesh_motion.divergence_weight": 5}),
-    ("flap-mooney-rivlin", {"solid.flap.density": 1, "solid.flap.c10": 75, "solid.flap.c01": 100,
-     "solid.flap.bulk_modulus": 5.6, "inflow.mean_velocity": 0.12, "mesh.level": 1, "mesh.root_size": None,
-     "solid.flap.lame_mu": None}),
-    ("flap-neo-hookean-roof", {"solid.flap.lame_lambda": 8, "solid.flap.lame_mu": 2, "solid.roof.density": 1,
-     "solid.roof.lame_lambda": 8, "solid.roof.lame_mu": 2, "geometry.roof.thickness": 0.02,
-     "inflow.mean_velocity": 0.055, "mesh.level": 1}),
-    ("flap-mooney-rivlin-roof", {"solid.flap.c10": 75, "solid.flap.c01": 100, "solid.flap.bulk_modulus": 5.6,
-     "solid.roof.density": 1, "solid.roof.lame_lambda": 8, "solid.roof.lame_mu": 2, "geometry.roof.thickness": 0.02,
-     "inflow.mean_velocity": 0.055}),
-    ("cook", {"geometry.width": 48, "geometry.left_height": 44, "geometry.rise": 44, "geometry.right_height": 16,
-     "solid.membrane.density": 1, "solid.membrane.young_modulus": 200, "solid.membrane.poisson_ratio": 0.35,
-     "traction.x": 0, "traction.y": 4, "mesh.level": 2, "gravity.y": None}),
-    ("cantilever", {"geometry.length": 1, "geometry.thickness": 0.01, "solid.beam.young_modulus": 109200,
-     "solid.beam.poisson_ratio": 0.3, "solid.beam.density": 1, "traction.x": 0, "traction.y": 1}),
-    ("turek-cfd1", {"fluid.density": 1000, "fluid.viscosity": 1, "inflow.mean_velocity": 0.2}),
-    ("turek-cfd2", {"fluid.density": 1000, "fluid.viscosity": 1, "inflow.mean_velocity": 1}),
-    ("turek-csm1", {"solid.beam.density": 1000, "solid.beam.lame_mu": 5e5, "solid.beam.poisson_ratio": 0.4,
-     "gravity.x": 0, "gravity.y": -2}),
-    ("turek-csm2", {"solid.beam.density": 1000, "solid.beam.lame_mu": 2e6, "gravity.y": -2}),
-    ("turek-fsi1", {"fluid.viscosity": 1, "solid.beam.density": 1000, "solid.beam.lame_mu": 5e5,
-     "solid.beam.poisson_ratio": 0.4, "inflow.mean_velocity": 0.2, "forces.reference_length": 0.1,
-     "geometry.length": 2.5, "geometry.height": 0.41, "geometry.beam.length": 0.35, "geometry.beam.thickness": 0.02}),
-    ("turek-cfd3", {"fluid.density": 1000, "fluid.viscosity": 1, "inflow.mean_velocity": 2, "inflow.ramp": 2,
-     "time.step": 0.005, "time.end": 12, "solver.step_tolerance": 3e-5}),
-    ("turek-csm3", {"solid.beam.density": 1000, "solid.beam.lame_mu": 5e5, "solid.beam.poisson_ratio": 0.4,
-     "gravity.y": -2, "time.step": 0.005, "time.end": 10}),
-    ("turek-fsi2", {"fluid.density": 1000, "fluid.viscosity": 1, "solid.beam.density": 10000, "solid.beam.lame_mu": 5e5,
-     "solid.beam.poisson_ratio": 0.4, "inflow.mean_velocity": 1, "inflow.ramp": 2, "mesh_motion.stiffness_exponent": 1,
-     "mesh_motion.divergence_weight": 16, "time.step": 0.01, "time.end": 15, "time.shift": 1}),
-    ("turek-fsi3", {"solid.beam.density": 1000, "solid.beam.lame_mu": 2e6, "inflow.mean_velocity": 2, "inflow.ramp": 2,
-     "mesh_motion.divergence_weight": 16, "time.step": 0.005, "time.end": 10}),
-    ("cylinder-2d2", {"fluid.density": 1, "fluid.viscosity": 1e-3, "inflow.mean_velocity": 1, "geometry.length": 2.2,
-     "forces.reference_length": 0.1, "time.step": 0.0025, "time.end": 8}),
-    ("cylinder-2d1", {"fluid.density": 1, "fluid.viscosity": 1e-3, "inflow.mean_velocity": 0.2, "geometry.length": 2.2,
-     "geometry.height": 0.41, "forces.reference_length": 0.1}),
-    ("aneurysm", {"fluid.density": 1035, "fluid.viscosity": 3.5e-3, "inflow.mean_velocity": 0.05 / 1.5,
-     "solid.vessel.young_modulus": 1e6, "solid.dome.young_modulus": 1e5, "solid.vessel.density": 1120,
-     "solid.dome.density": 1120}),
-    ("cavity-flexible-floor", {"fluid.density": 1, "fluid.viscosity": 0.01, "inflow.mean_velocity": 1,
-     "solid.floor.density": 1000, "solid.floor.young_modulus": 500, "solid.floor.poisson_ratio": 0.4,
-     "forces.reference_length": 1}),
-])  # fmt: skip
-def test_catalogue_values(case: str, values: dict[str, float]) -> None:
-    parameters = CASES[case].parameters()
-    assert {key: parameters.get(key) for key in values} == values
-
-
-def test_scenes_differ_in_what_they_are_named_for() -> None:
-    assert list(CASES["turek-csm1"].parameters()) == [
-        "geometry.length", "geometry.height", "geometry.cylinder_x", "geometry.cylinder_y",
-        "geometry.cylinder_radius", "geometry.beam.length", "geometry.beam.thickness",
-        "mesh.level", "mesh.size_factor", "mesh.growth", "mesh.far_size", "mesh.body_size", "mesh.corner_size",
-        "solid.beam.density", "solid.beam.lame_mu", "solid.beam.poisson_ratio", "gravity.x", "gravity.y",
-        "solver.tolerance", "solver.max_iterations", "solver.minimum_jacobian", "solver.reuse_ratio",
-    ]  # fmt: skip
-    assert type(CASES["turek-csm1"].parameters()["mesh.level"]) is int
-    scene = CASES["cantilever"]
-    assert isinstance(scene.geometry, Cantilever) and scene.traction is not None
-    young, nu = scene.solid["beam"].young_poisson
-    length, thickness = scene.geometry.length, scene.geometry.thickness
-    bending = young * thickness**3 / (12 * (1 - nu**2))
-    assert bending == pytest.approx(0.01, rel=1e-14)
-    assert scene.traction.y * thickness * length**2 / bending == pytest.approx(scene.traction.y, rel=1e-14)
-    base = CASES["flap-svk"].model_dump()
-    for name in ("flap-neo-hookean", "flap-mooney-rivlin"):
-        other = CASES[name].model_dump()
-        different = {key for key in base if base[key] != other[key]}
-        assert different == {"name", "description", "mesh", "solid"}
-        assert other["mesh"] == base["mesh"] | {"root_size": None}
-        assert other["solid"]["flap"]["material"] == name.removeprefix("flap-")
-    for name in ("flap-neo-hookean", "flap-mooney-rivlin"):
-        base, other = CASES[name].model_dump(), CASES[f"{name}-roof"].model_dump()
-        different = {key for key in base if base[key] != other[key]}
-        assert different == {"name", "description", "geometry", "solid", "inflow"}
-        assert other["solid"]["flap"] == base["solid"]["flap"]
-        assert other["solid"]["roof"] == CASES["flap-svk"].model_dump()["solid"]["flap"]
+def test_solids_are_in_the_order_of_the_geometry() -> None:
     table = CASES["flap-neo-hookean-roof"].model_dump(exclude_none=True)
     table["solid"] = {name: table["solid"][name] for name in ("roof", "flap")}
     scene = Scene.model_validate(table)
@@ -205,3 +109,61 @@ def test_short_scene_is_filled_in() -> None:
     assert parameters["mesh.far_size"] == pytest.approx(0.75 * FlapChannel.default_sizes["far_size"])
     assert scene.mesh.far_size == scene.geometry.size * FlapChannel.default_sizes["far_size"]  # a lower flap, smaller
     assert "root_size" not in tomllib.loads(scene.to_toml())["mesh"] and scene.gravity is None
+
+
+def test_theta_of_the_schemes() -> None:
+    assert Time(step="5 ms", end=1).theta_of(0.005) == 0.505 and Time(step=0.1, end=1, shift=2).theta_of(0.1) == 0.7
+    assert Time(step=0.1, end=1, shift=2).theta_of(0.05) == 0.6 and Time(step=10, end=10).theta_of(10) == 1.0
+    assert Time(step=0.1, end=1, shift=0).theta_of(0.1) == 0.5
+    assert Time(step=0.1, end=1, scheme="crank-nicolson").theta_of(0.1) == 0.5
+    assert Time(step=0.1, end=1, scheme="backward-euler").theta_of(0.01) == 1.0
+
+
+@pytest.mark.parametrize("case", CASES.steady)
+def test_steady_scenes_know_nothing_of_time(case: str) -> None:
+    scene = CASES[case]
+    table = tomllib.loads(scene.to_toml())
+    assert "time" not in table and not {"ramp", "waveform"} & table.get("inflow", {}).keys()
+    assert not {"step", "step_tolerance"} & table["solver"].keys() and scene.solver.step is None
+    assert not any(key.startswith("time.") or "step" in key or "ramp" in key for key in scene.parameters())
+
+
+def test_a_steady_scene_becomes_one_in_time_and_back() -> None:
+    steady = CASES["turek-fsi1"]
+    scene = with_values(steady, {"time.step": "10 ms", "time.end": 2, "inflow.ramp": 1})
+    assert (scene.solver.step, scene.solver.step_tolerance) == ("condensed", 3e-5) and not scene.steady
+    assert Scene.from_toml(scene.to_toml()) == scene
+    changed = with_values(scene, {"solver.step": "newton", "solver.step_tolerance": 1e-8})
+    assert (changed.solver.step, changed.solver.step_tolerance) == ("newton", 1e-8)
+    back = with_values(scene, {"time": None, "inflow.ramp": None, "solver.step": None, "solver.step_tolerance": None})
+    assert back == steady
+    # What matters in time only does not stand in the way of a steady computation.
+    assert with_values(scene, {"time": None, "inflow.ramp": None}).solver.step == "condensed"
+
+
+@pytest.mark.parametrize("case", ["cook", "cantilever", "turek-cfd1", "turek-csm1", "cavity-flexible-floor"])
+def test_every_physics_can_be_in_time(case: str) -> None:
+    scene = load_scene(case, ["time={step=0.1, end=1, stop='periodic', adaptive=true, output_interval=0.5}"])
+    assert scene.time is not None and scene.time.stop == "periodic" and Scene.from_toml(scene.to_toml()) == scene
+
+
+def test_mixed_solids_and_inflow_in_time() -> None:
+    values = {"time.step": 0.1, "time.end": 1, "mesh_motion.kind": "linear-elastic", "solid.flap.formulation": "mixed"}
+    scene = with_values(CASES["flap-neo-hookean"], values)
+    assert scene.solid["flap"].mixed and scene.time is not None
+    inflow = CASES["turek-fsi3"].inflow
+    assert inflow is not None
+    np.testing.assert_allclose(inflow.factor([0.0, 0.5, 1.0, 2.0, 9.0]), [0, (1 - math.sqrt(0.5)) / 2, 0.5, 1, 1])
+    assert inflow.waveform_expression.to_freefem() == "1.0"
+    beating = load_scene("turek-cfd3", ["inflow.waveform=1 + 0.2*sin(2*pi*t)^2"]).inflow
+    assert beating is not None
+    t = np.linspace(0.0, 4.0, 33)
+    np.testing.assert_allclose(
+        beating.factor(t), np.where(t < 2, (1 - np.cos(np.pi * t / 2)) / 2, 1) * (1 + 0.2 * np.sin(2 * np.pi * t) ** 2)
+    )
+    assert beating.waveform_expression.to_freefem() == "1.0 + 0.2 * sin(2.0 * pi * t) ^ 2.0"
+    assert beating.waveform_expression.to_freefem({"t": "time"}) == "1.0 + 0.2 * sin(2.0 * pi * time) ^ 2.0"
+    without = load_scene("cylinder-2d1", ["time={step=0.1, end=1}", "inflow.waveform='2'"]).inflow
+    assert without is not None
+    np.testing.assert_array_equal(without.factor([0.0, 1.0]), [2.0, 2.0])
+    assert without.factor(0.5).shape == ()

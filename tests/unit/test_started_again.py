@@ -1,9 +1,53 @@
-"""What a run in time that failed is started again with."""
+"""What a mesh made for quantities is refused for, before anything runs."""
 
 import pytest
 
+import ffsi
+from ffsi.run.adaptation import asked_of, goals
 from ffsi.run.one_scene import _what_goes_further
-from ffsi.scene import load_scene
+from ffsi.scene import CASES, load_scene
+
+
+@pytest.mark.parametrize(
+    ("case", "asked", "message"),
+    [
+        ("turek-fsi3", {"adapt": ["drag"], "tolerance": 1e-3}, "adapt: turek-fsi3 is a scene in time"),
+        ("turek-fsi1", {"adapt": ["dragg"], "tolerance": 1e-3}, "'dragg' is no quantity .* did you mean \"drag\""),
+        ("cook", {"adapt": ["drag"], "tolerance": 1e-3}, "accepted: tip_ux, tip_uy"),
+        ("turek-fsi1", {"adapt": ["drag"], "tolerance": 0}, "tolerance = 0: accepted"),
+        ("turek-fsi1", {"adapt": ["drag"], "tolerance": "-1%"}, "tolerance = '-1%': accepted"),
+        ("turek-fsi1", {"adapt": ["drag"], "tolerance": "few"}, "tolerance = 'few': accepted"),
+        ("turek-fsi1", {"adapt": ["drag"], "tolerance": True}, "tolerance = True: accepted"),
+        ("turek-fsi1", {"adapt": ["drag"], "unknowns": 0}, "unknowns = 0: accepted"),
+        ("turek-fsi1", {"adapt": ["drag"]}, "give tolerance"),
+        ("turek-fsi1", {"tolerance": 1e-3}, "belong to adapt"),
+        ("turek-fsi1", {"adapt": ["drag"], "tolerance": 1e-3, "sensitivities": True}, "not both"),
+    ],
+)
+def test_it_is_refused(tmp_path, case, asked, message):
+    with pytest.raises(ffsi.InputError, match=message):
+        ffsi.solve(case, tmp_path / "run", **asked)
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_mesh_without_sizes_is_refused():
+    channel = ffsi.load_scene("flap-svk").model_copy(update={"geometry": channel_of()})
+    with pytest.raises(ffsi.InputError, match="'channel' has no sizes"):
+        asked_of(channel, ["pressure_drop"], 1e-3, None)
+
+
+def channel_of():
+    from ffsi.scene.geometry.channel import Channel
+
+    return Channel(length=1.0, height=1.0)
+
+
+def test_the_script_is_asked_for_a_fraction():
+    scene, asked = asked_of(CASES["turek-fsi1"], ["drag", "tip_uy", "drag"], "0.1%", 20000)
+    assert asked == {"adapt": "drag,tip_uy", "tolerance": "0.001", "unknowns": "20000"}
+    assert scene.mesh.level == 0
+    assert {"drag_beam", "lift_cylinder", "drag_coefficient", "pressure_drop", "tip_ux"} <= set(goals(scene))
+
 
 FOLDS = "J = det F falls; the fluid mesh folds at (0, 0): J = 0.1"
 BACK = "; fluid comes back through the outlet, 52 % of what passes it, which outlet.backflow = 0.5 keeps stable"
