@@ -23,56 +23,9 @@ from ffsi.result.pictures import INK, Scale, canvas
 from ffsi.result.quantities import check_maximum
 from studies.harness import Study, origin, run_all
 from studies.paper.flap import LEVEL, OUT, RUNS
-from studies.tables import TextTable, columns, markdown, number, table
+from studies.tables import TextTable, columns, document, number, table
 from studies.verification.blood import VARIANTS, AneurysmVariant
 
-MARKDOWN = "aneurysm.md"
-INTRODUCTION = (
-    "Section 5.4 and figures 15 to 18 of *Finite Element Method for Strongly Coupled Fluid-Structure Interaction of a "
-    "Vertical Flap in a Channel and Aneurysm Hemodynamics*. The paper prints no number of it, neither of the geometry "
-    "nor of the walls, the inflow or the results; it states the Carreau constants, which are used here. So the figures "
-    "can be compared by eye only. SI units, per metre of depth."
-)
-CAPTIONS = {
-    "figure-15-mesh": "Figure 15 (left): the mesh; red and green: the walls of vessel and dome, blue: the lumen.",
-    "figure-16-effective-stress": "Figure 16: effective (von Mises) stress in the walls at systole, plane "
-    "strain; the colours end at the largest value away from clamped faces and corners. "
-    "Dashed: the walls at rest.",
-    "figure-17-pressure-aneurysm": "Figure 17: pressure at systole.",
-    "figure-18-velocity-aneurysm": "Figure 18 (top): velocity at systole.",
-    "figure-18-velocity-dome": "Figure 18 (bottom): the same in the dome, with a range of colours of its own.",
-    "aneurysm-steady-walls": "Wall shear stress and pressure along the outer wall, steady flow.",
-    "aneurysm-cycle-walls": "Time-averaged wall shear stress, oscillatory shear index and relative residence time "
-    "along the outer wall, last cycle.",
-}
-OPEN = (
-    ("outline of the lumen and thickness of the walls", "a published rebuild (ffsi/data/aneurysm.json)"),
-    ("walls", "incompressible neo-Hookean, plane strain, density 1120 kg/m³, end faces clamped"),
-    ("Young's modulus of the vessel's wall", "1 MPa"),
-    ("Young's modulus of the dome's wall", "0.1 MPa in the steady flow, 0.05 MPa in the pulsatile one"),
-    ("outer sides of the walls", "free in the steady flow; in the pulsatile one held by 5e5 Pa/m (see below)"),
-    ("blood", "density 1035 kg/m³; viscosity 3.5 mPa s where it is Newtonian"),
-    ("inflow",
-     "parabola, 0.05 m/s in its middle; pulsatile: 84 beats per minute, 0.153 to 0.649 m/s, from rest in 0.2 s"),
-    ("outlet", "do-nothing"),
-)  # fmt: skip
-FREE_WALLS = (
-    "The support: the end faces of the walls are clamped and their length is thirty times their thickness, so that "
-    "without tissue around them they are a slender arch. The pressure of the pulsatile flow, which is mostly the "
-    "inertia of the blood, is tens of times that of the steady one: without support the walls move by more than the "
-    "vessel is wide (`ffsi run aneurysm-pulsatile --set support.stiffness=0`)."
-)
-PARTS_TEXT = (
-    f"Neck: the walls within {NECK_ZONE:g} of its length from its two ends; there the stress is singular and "
-    "belongs to no other part. Effective stress: largest value farther than two wall thicknesses from clamped "
-    "faces and corners. Flow into the dome: what crosses the line between the neck's ends inwards; turnover: area "
-    "of the dome over it."
-)
-INDICES_TEXT = (
-    "TAWSS = (1/T) ∫ |τ| dt, OSI = ½ (1 - |∫ τ dt| / ∫ |τ| dt), RRT = 1 / ((1 - 2 OSI) TAWSS), τ the tangential "
-    "viscous traction with the viscosity at the wall, summed by the script at every step. *Change*: difference of "
-    "TAWSS to the cycle before, L2 norm over the walls."
-)
 _STEADY = columns(
     "pressure drop (Pa) = pressure_drop :.4g | WSS vessel (Pa) = wss_mean_vessel :.4g | "
     "WSS dome, mean (Pa) = wss_mean_dome :.4g | max (Pa) = wss_max_dome :.4g | min (Pa) = wss_min_dome :.4g | "
@@ -108,8 +61,8 @@ def main(*, level: int = LEVEL, out: Path = OUT, runs: Path = RUNS) -> list[str]
     for name, figure in draw(solved).items():
         names.append(f"{name}.png")
         (out / names[-1]).write_bytes(pictures.to_small_png(figure))
-    folder.write_text(out / MARKDOWN, document(results, names))
-    show.note(f"wrote {out / MARKDOWN}, its tables and figures")
+    folder.write_text(out / "aneurysm.md", text_of(results, names))
+    show.note(f"wrote {out / 'aneurysm.md'}, its tables and figures")
     return [result.failure for result in results.values()]
 
 
@@ -194,7 +147,7 @@ def velocity_within(fields: Fields, window: tuple[Floats, Floats], title: str = 
     return pictures.velocity(part, title, Scale(0.0, top, window))
 
 
-def document(results: Results, drawn: Collection[str]) -> str:
+def text_of(results: Results, drawn: Collection[str]) -> str:
     """Return `aneurysm.md`; `drawn` are the names of the figures that were written beside it."""
     rows = [
         {
@@ -208,17 +161,16 @@ def document(results: Results, drawn: Collection[str]) -> str:
         }
         for variant, result in results.items()
     ]
-    parts: list[str | TextTable] = ["# The paper's aneurysm", INTRODUCTION]
-    parts += [origin("python -m studies paper --aneurysm", rows[:1]), table(rows, OVERVIEW, left=2)]
-    for name, caption in CAPTIONS.items():
-        if f"{name}.png" in drawn:
-            parts += [f"![{caption}]({name}.png)", f"*{caption}*"]
     steady = {variant.label: result.quantities for variant, result in results.items() if not variant.pulsatile}
     quantities = [[column.head, *(column.cell(item) for item in steady.values())] for column in _STEADY]
-    parts += ["## Steady flow", TextTable(("", *steady), quantities), PARTS_TEXT]
-    parts += ["## Four cycles at 84 beats per minute", cycle_table(results), INDICES_TEXT, statements(results)]
-    parts += ["## What the paper does not state", TextTable(("value", "used"), OPEN, left=2), FREE_WALLS]
-    return markdown(parts) + "\n"
+    first = {variant.name: result for variant, result in results.items()}.get("steady-elastic")
+    wall = first.wall if first is not None and first.solved else None
+    return document(
+        "aneurysm", written=origin("python -m studies paper --aneurysm", rows[:1]), drawn=drawn, neck=NECK_ZONE,
+        overview=table(rows, OVERVIEW, left=2), steady=TextTable(("", *steady), quantities),
+        cycles=cycle_table(results), elastic={} if first is None or wall is None else first.quantities,
+        dome=None if wall is None else wall[wall["part"] == "dome"]["pressure"],
+    ) + "\n"  # fmt: skip
 
 
 def cycle_table(results: Results) -> TextTable:
@@ -232,23 +184,3 @@ def cycle_table(results: Results) -> TextTable:
                 numbers = {name.removesuffix(f"_{part}"): value for name, value in last.items()}
                 rows.append({**numbers, "label": variant.label if first else "", "part": part, "change": change})
     return table(rows, CYCLE, left=2)
-
-
-def statements(results: Results) -> str:
-    """Return the paper's statements in words with the numbers found."""
-    steady = {variant.name: result for variant, result in results.items()}.get("steady-elastic")
-    if steady is None or not steady.solved:
-        return ""
-    wall, found = steady.wall, steady.quantities
-    assert wall is not None
-    dome = wall[wall["part"] == "dome"]["pressure"]
-    return (
-        "What the paper says, and what is found:\n\n"
-        "- “The pressure on the wall is nearly constant when the flow is fully developed”. Here: in the dome of the "
-        f"steady flow it is {dome.min():.4g} to {dome.max():.4g} Pa; along the vessel it falls by "
-        f"{found['pressure_drop']:.3g} Pa, as it must.\n"
-        "- “the blood flow intensity is higher near the neck of the aneurysm”. Here: the wall shear stress at the "
-        f"neck is {found['wss_mean_neck']:.3g} Pa on average, "
-        f"{found['wss_mean_neck'] / found['wss_mean_dome']:.2g} times that of the dome; "
-        f"{100 * found['dome_inflow'] / found['flow_rate_in']:.2g} % of the flow enters the dome."
-    )

@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 import pandas as pd
@@ -23,7 +23,7 @@ from ffsi.run import sweep
 from ffsi.scene import Newtonian, Scene, load_scene
 from ffsi.scene.geometry import FlapChannel
 from studies.harness import Study, multiples, origin, side_by_side
-from studies.tables import NOTHING, Column, TextTable, columns, markdown, number, table
+from studies.tables import NOTHING, Column, TextTable, columns, document, number, table
 
 OUT, RUNS = Path("results/paper"), Path("runs/paper")
 LEVEL = 2
@@ -137,6 +137,11 @@ class Outcome:
         return load_result(self.directory / str(row["folder"]), int(row["point"]))
 
     @property
+    def skipped(self) -> int:
+        """How many points behind the end were not tried."""
+        return int((self.table["failure"] == NOT_REACHED).sum())
+
+    @property
     def failures(self) -> list[str]:
         """What went wrong, as `Result.failure`; where a sweep ends is a finding, unless no point at all was solved."""
         found = [str(failure) for failure in self.table["failure"]]
@@ -181,34 +186,11 @@ def draw(case: PaperCase, outcomes: Outcomes) -> dict[str, Figure]:
     return found
 
 
-MARKDOWN = "paper.md"
-INTRODUCTION = (
-    "Sections 5.1 to 5.3 and figures 3 to 14 of *Finite Element Method for Strongly Coupled Fluid-Structure "
-    "Interaction of a Vertical Flap in a Channel and Aneurysm Hemodynamics*. The paper prints no computed number of "
-    "these cases, neither in a table nor in its text: its figures can be compared by eye, its statements in words with "
-    "the numbers below. SI units, forces of the fluid on the flap per metre of depth, positive along +x and +y."
-)
-VELOCITIES = (
-    "Velocities: the paper's inflow has a maximum of 0.3 m/s in the text (a mean of 0.2 m/s), its figures belong to "
-    "“v = 0.12 m/s”, which is read as the mean: ten of its steps of 0.012 m/s in case 1. In cases 2 and 3 ten steps of "
-    "0.0055 m/s end at 0.055 m/s; the sweeps go on from there towards 0.12 m/s."
-)
-CAPTIONS = {
-    "velocity": "velocity magnitude and direction. The arrows' length grows like the root of the speed.",
-    "pressure": "pressure contours. The few extreme values at sharp corners lie outside of the colour bar's range.",
-    "displacement": "displacement over the mean inflow velocity; every marker is one computed point.",
-    "forces": "drag and lift over the mean inflow velocity; every marker is one computed point.",
-}
 COLUMNS = columns(
     f"v_mean (m/s) = {MEAN_VELOCITY} :g | drag (N/m) = drag :.5g | lift (N/m) = lift :.5g | "
     "C_D = drag_coefficient :.5g | C_L = lift_coefficient :.5g | tip_ux (m) = tip_ux :.5g | tip_uy (m) = tip_uy :.5g | "
     "roof_ux (m) = roof_ux :.5g | roof_uy (m) = roof_uy :.5g | min_jacobian :.4f | "
     "before the failure = reached_min_jacobian :.4f | check = check_maximum :.0e"
-)
-COLUMNS_TEXT = (
-    "`check` is the largest relative residual or difference that the independent checker finds, `min_jacobian` the "
-    "smallest det F in fluid mesh and solids, of a point that failed that of the last state before. The tip is the "
-    "middle of the flap's top, `roof` the middle of the roof's wet side. All quantities are in the CSV files."
 )
 
 
@@ -232,39 +214,27 @@ def main(
         for kind, figure in draw(case, outcomes).items():
             names.append(case.file(kind))
             (out / names[-1]).write_bytes(to_small_png(figure))
-    folder.write_text(out / MARKDOWN, document(cases, outcomes, names))
-    show.note(f"wrote {out / MARKDOWN}, its tables and figures")
+    folder.write_text(out / "paper.md", text_of(cases, outcomes, names))
+    show.note(f"wrote {out / 'paper.md'}, its tables and figures")
     return [failure for outcome in outcomes.values() for failure in outcome.failures]
 
 
-def document(cases: Sequence[PaperCase], outcomes: Outcomes, pictures: Collection[str]) -> str:
+def text_of(cases: Sequence[PaperCase], outcomes: Outcomes, pictures: Collection[str]) -> str:
     """Return `paper.md`; `pictures` are the names of the figures that were written beside it."""
-    compared = [curve for curve in outcomes if all(curve != case.curve for case in cases)]
     last = [outcome.highest.data for outcome in outcomes.values() if outcome.highest is not None]
     levels = sorted({outcome.scene.mesh.level for outcome in outcomes.values()})
-    written = origin("python -m studies paper", last[:1], f", mesh level {' and '.join(map(str, levels))}")
-    parts: list[str | TextTable] = ["# The paper's flap in a channel", INTRODUCTION, VELOCITIES, written]
-    parts += [overview(cases, outcomes), COLUMNS_TEXT]
-    for case in cases:
-        parts += [f"## Case {case.number}: {case.title}", *_case(case, outcomes, pictures)]
-    parts += ["## Sweeps for comparison"] if compared else []
-    for curve in compared:
-        outcome = outcomes[curve]
-        solved = f"{len(outcome.solved)} of {len(outcome.table)} points solved"
-        ended = f", failed at {outcome.end[0]:g} m/s" if outcome.end else ""
-        parts.append(f"<details><summary>{curve.scene}, {curve.label}: {solved}{ended}</summary>")
-        parts += [*_sweep(outcome), "</details>"]
-    remarks = []
-    for remark, numbers in _by_cases(
-        {case.number: formulas.remarks(outcomes[case.curve].scene) for case in cases}
-    ).items():
-        where = "" if len(numbers) == len(cases) else f" (case {' and '.join(map(str, numbers))})"
-        remarks.append(f"- **{remark.topic}{where}.** Paper: {remark.paper} Here: {remark.here}")
-    parts += ["## Formulas: the paper and the standard form", "\n".join(remarks)]
-    found = _by_cases({case.number: _open(outcomes[case.curve].scene) for case in cases})
+    own = {case.number: outcomes[case.curve] for case in cases}
+    found = _by_cases({number: _open(outcome.scene) for number, outcome in own.items()})
     rows = [(name, ", ".join(map(str, numbers)), value) for (name, value), numbers in found.items()]
-    values = TextTable(("value", "cases", "used"), rows, left=3)
-    return markdown([*parts, "## What the paper does not state", values]) + "\n"
+    return document(
+        "paper", cases=cases, outcomes=outcomes, pictures=pictures, fields=FIELDS, overview=overview(cases, outcomes),
+        written=origin("python -m studies paper", last[:1], f", mesh level {' and '.join(map(str, levels))}"),
+        tables={curve: point_table(outcome) for curve, outcome in outcomes.items()},
+        numbers={number: numbers_of(outcome, outcomes.get(CASES[2].curve)) for number, outcome in own.items()},
+        solid_remarks={n: formulas.solid_remark(x.highest) if x.highest else "" for n, x in own.items()},
+        remarks=_by_cases({number: formulas.remarks(outcome.scene) for number, outcome in own.items()}),
+        values=TextTable(("value", "cases", "used"), rows, left=3),
+    ) + "\n"  # fmt: skip
 
 
 def _by_cases(found: Mapping[int, Iterable[K]]) -> dict[K, list[int]]:
@@ -320,90 +290,25 @@ def _open(scene: Scene) -> list[tuple[str, str]]:
     return found
 
 
-def _case(case: PaperCase, outcomes: Outcomes, pictures: Collection[str]) -> list[str | TextTable]:
-    outcome = outcomes[case.curve]
-    parts: list[str | TextTable] = []
-    for kind, figure in case.figures.items():
-        name = case.file(kind)
-        if name in pictures:
-            at = f", at {outcome.highest_velocity:g} m/s" if kind in FIELDS else ""
-            parts += [f"![Figure {figure}]({name})", f"*Figure {figure}{at}: {CAPTIONS[kind]}*"]
-        else:
-            parts.append(f"*Figure {figure}: nothing was solved, there is no picture.*")
-    parts += _sweep(outcome)
-    if outcome.highest is not None and (remark := formulas.solid_remark(outcome.highest)):
-        parts.append(remark)
-    words = [f"- Section {section}: “{quote}”. Here: {found}" for section, quote, found in statements(case, outcomes)]
-    return [*parts, "What the paper says, and what is found:", "\n".join(words)] if words else parts
+def numbers_of(outcome: Outcome, stiff: Outcome | None) -> dict[str, Any]:
+    """Return what the paper's statements are compared with, of its case 2 also the roof over the stiff flap of case 3.
 
-
-def _sweep(outcome: Outcome) -> list[str | TextTable]:
-    name = f"{outcome.curve.name}.csv"
-    parts: list[str | TextTable] = [point_table(outcome), f"[{name}]({name})"]
-    if outcome.end is None:
-        return parts
-    velocity, reason = outcome.end
-    skipped = int((outcome.table["failure"] == NOT_REACHED).sum())
-    rest = f" Points after it that were not tried: {skipped}." if skipped else ""
-    return [*parts, f"The sweep ended at {velocity:g} m/s: {reason}.{rest}"]
-
-
-def statements(case: PaperCase, outcomes: Outcomes) -> list[tuple[str, str, str]]:
-    """Return what the paper says of a case, without a number: section, its words, and what is found if anything."""
-    outcome, stiff = outcomes[case.curve], outcomes.get(CASES[2].curve)
+    `sizes`: of the tip's way (m) by velocity; `rise` of the roof (m); nothing if no point was solved.
+    """
     rows, geometry = outcome.solved, outcome.scene.geometry
     assert isinstance(geometry, FlapChannel)
     if rows.empty:
-        return []
+        return {}
+    ux, uy = rows["tip_ux"], rows.get("tip_uy", 0.0 * rows["tip_ux"])
+    sizes = np.hypot(ux, uy).tolist()
     first, last = (f"{rows[MEAN_VELOCITY].iloc[i]:g} m/s" for i in (0, -1))
-    sizes = np.hypot(rows["tip_ux"], rows.get("tip_uy", 0.0)).tolist()  # of the tip's way, m
-    small, large = (f"{100 * size / geometry.flap_height:.3g} % of the flap's height" for size in (sizes[0], sizes[-1]))
-    tip = f"at {last} the tip moves by {sizes[-1]:.3g} m, {large}."
-    roof = "the roof of this computation is rigid."
+    found = {"first": first, "last": last, "sizes": sizes, "grows": bool((np.diff(sizes) > 0).all())}
+    found |= {"height": geometry.flap_height, "channel": geometry.height, "ratio": abs(uy.iloc[-1] / ux.iloc[-1])}
     if "roof_uy" in rows:
-        rise = rows["roof_uy"].iloc[-1]
-        roof = (
-            f"at {last} the middle of the roof rises by {rise:.3g} m, {100 * rise / geometry.height:.3g} % of the "
-            f"channel's height; the tip of the flap moves by {sizes[-1]:.3g} m. The paper states neither the roof's "
-            "thickness nor how it is held, see below."
-        )
-    if case.number == 1:
-        word = "it grows at every step" if bool((np.diff(sizes) > 0).all()) else "it does not grow at every step"
-        grows = "the displacement of the flap increases with the increase in the value of the flow velocity"
-        moves = f"the tip moves by {small} at {first} and {large} at {last}."
-        return [
-            ("5", "relatively small beam displacements (around 4%)", moves),
-            ("5.1", "the significant deformation of the flap", tip),
-            ("6", grows, f"{word}: {sizes[0]:.3g} m at {first}, {sizes[-1]:.3g} m at {last}."),
-        ]
-    if case.number == 2:
-        minor = "the SVK material model has a relatively minor impact on the behavior of the top roof"
-        small_one = ("5.2", "the small deformation of the flap under the fluid flow", tip)
-        return [small_one, ("5.2", minor, roof), *(_both_roofs(rows, stiff.solved) if stiff else [])]
-    smaller = (
-        "The displacement of the vertical flap in the y-direction was found to be significantly less than that in the "
-        "x-direction"
-    )
-    ratio = abs(rows["tip_uy"].iloc[-1] / rows["tip_ux"].iloc[-1])
-    return [
-        ("5.3", "the very little deformation of the flap under the fluid flow", tip),
-        ("6", smaller, f"at {last} the ratio of the two is {ratio:.2g}."),
-        ("6", "most of the flow's effects being directed towards the top roof", roof),
-    ]
-
-
-def _both_roofs(soft: pd.DataFrame, stiff: pd.DataFrame) -> list[tuple[str, str, str]]:
-    """Return the statement about soft and stiff flaps, at the highest velocity that both sweeps have reached."""
-    both = pd.merge(soft, stiff, on=MEAN_VELOCITY, suffixes=("", "_stiff")).sort_values(MEAN_VELOCITY)
-    if both.empty or "roof_uy_stiff" not in both:
-        return []
-    last = both.iloc[-1]
-    quote = (
-        "if the flap undergoes significant deformation, the diversion of flow towards the top roof is reduced, "
-        "resulting in less deformation of the roof"
-    )
-    found = (
-        f"at {last[MEAN_VELOCITY]:g} m/s the middle of the roof rises by {last['roof_uy']:.3g} m over this flap and by "
-        f"{last['roof_uy_stiff']:.3g} m over the stiff one of case 3."
-    )
-    return [("6", quote, found)]
+        found["rise"] = rows["roof_uy"].iloc[-1]
+    if stiff is not None and {"roof_uy"} <= set(rows) & set(stiff.solved):
+        # At the highest velocity that both sweeps have reached.
+        both = pd.merge(rows, stiff.solved, on=MEAN_VELOCITY, suffixes=("", "_stiff")).sort_values(MEAN_VELOCITY)
+        for row in both.tail(1).to_dict("records"):
+            found["both"] = dict(velocity=row[MEAN_VELOCITY], soft=row["roof_uy"], stiff=row["roof_uy_stiff"])
+    return found

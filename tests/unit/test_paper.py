@@ -161,14 +161,14 @@ def test_point_tables_leave_out_what_is_no_solution(tmp_path):
 def test_statements_carry_the_numbers(tmp_path):
     tip = {"tip_ux": [0.012, 0.03, 0.06], "tip_uy": [0.0, -0.04, -0.08]}
     first = outcome(CASES[0].curve, tmp_path, steps=3, **tip)
-    found = [found for *_, found in flap.statements(CASES[0], {CASES[0].curve: first})]
-    assert found == [
-        "the tip moves by 6 % of the flap's height at 0.01 m/s and 50 % of the flap's height at 0.03 m/s.",
-        "at 0.03 m/s the tip moves by 0.1 m, 50 % of the flap's height.",
-        "it grows at every step: 0.012 m at 0.01 m/s, 0.1 m at 0.03 m/s.",
-    ]
-    back = outcome(CASES[0].curve, tmp_path, steps=2, tip_ux=[0.02, 0.01])
-    assert "it does not grow at every step" in flap.statements(CASES[0], {CASES[0].curve: back})[-1][2]
+    text = flap.text_of(CASES[:1], {CASES[0].curve: first}, [])
+    assert (
+        "Here: the tip moves by 6 % of the flap's height at 0.01 m/s and 50 % of the flap's height at 0.03 m/s." in text
+    )
+    assert "Here: at 0.03 m/s the tip moves by 0.1 m, 50 % of the flap's height." in text
+    assert "Here: it grows at every step: 0.012 m at 0.01 m/s, 0.1 m at 0.03 m/s." in text
+    back = outcome(CASES[0].curve, tmp_path / "back", steps=2, tip_ux=[0.02, 0.01])
+    assert "it does not grow at every step" in flap.text_of(CASES[:1], {CASES[0].curve: back}, [])
 
 
 def test_the_roofs_of_both_cases_are_compared_where_both_got_to(tmp_path):
@@ -177,20 +177,16 @@ def test_the_roofs_of_both_cases_are_compared_where_both_got_to(tmp_path):
         CASES[2].curve, tmp_path, steps=2, failure="not-converged",
         tip_ux=[0.01, 0.02, 0.0], tip_uy=[0.0, -0.001, 0.0], roof_uy=[0.15, 0.25, 0.0],
     )  # fmt: skip
-    both = {CASES[1].curve: soft, CASES[2].curve: stiff}
-    assert (
-        "at 0.02 m/s the middle of the roof rises by 0.2 m over this flap and by 0.25 m"
-        in (flap.statements(CASES[1], both)[-1][2])
-    )
-    assert len(flap.statements(CASES[1], {CASES[1].curve: soft})) == 2
-    third = [found for *_, found in flap.statements(CASES[2], both)]
-    assert third[1] == "at 0.02 m/s the ratio of the two is 0.05."
-    assert "rises by 0.25 m, 62.5 % of the channel's height" in third[2]
+    text = flap.text_of(CASES[1:], {CASES[1].curve: soft, CASES[2].curve: stiff}, [])
+    assert "at 0.02 m/s the middle of the roof rises by 0.2 m over this flap and by 0.25 m" in text
+    assert "over this flap" not in flap.text_of(CASES[1:2], {CASES[1].curve: soft}, [])
+    assert "at 0.02 m/s the ratio of the two is 0.05." in text
+    assert "rises by 0.25 m, 62.5 % of the channel's height" in text
 
 
 def test_remarks_name_their_cases_and_open_values_their_scenes(tmp_path):
     tables = {case.curve: outcome(case.curve, tmp_path, steps=1, tip_ux=[0.1], tip_uy=[0.0]) for case in CASES}
-    text = flap.document(CASES, tables, [])
+    text = flap.text_of(CASES, tables, [])
     assert "**Drag and lift.** Paper: F<sub>D</sub> = ∫<sub>S</sub> ( ρ η ∂u<sub>t</sub>/∂n" in text
     assert text.count("**Drag and lift.**") == 1 and "**Bulk modulus (case 3).** Paper: K = 5.6 Pa" in text
     assert "Poisson's ratio −0.931" in text
@@ -293,7 +289,7 @@ def result(pulsatile: bool, failure: str = "") -> Any:
 
 def test_text() -> None:
     results = {variant: result(variant.pulsatile) for variant in aneurysm.VARIANTS}
-    text = aneurysm.document(results, ["figure-15-mesh.png"])
+    text = aneurysm.text_of(results, ["figure-15-mesh.png"])
     assert "Written by `python -m studies paper --aneurysm` (FreeFEM 4.9 with MUMPS)." in text
     assert text.count("](figure-15-mesh.png)") == 1 and "figure-16" not in text
     assert "| pulsatile | rigid, Carreau | 900 | 400 | 12.3 | 2e-11 | converged |" in text
