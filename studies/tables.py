@@ -17,8 +17,6 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from ffsi.result.pictures import FAINT, INK
-
 NOTHING = "–"
 
 
@@ -127,19 +125,8 @@ def unsigned(difference: float) -> str:
     return percent(abs(difference)).removeprefix("+")
 
 
-def dress(axes: Axes, which: str = "major", width: float = 0.7) -> None:
-    """Draw a faint grid behind the curves, and two sides of the frame."""
-    axes.grid(True, which=which, color="#e3e6ea", linewidth=width)  # type: ignore[arg-type]
-    axes.set_axisbelow(True)
-    axes.tick_params(colors=INK, labelsize=9, width=0.6)
-    for side, spine in axes.spines.items():
-        spine.set_visible(side in ("left", "bottom"))
-        spine.set_color(FAINT)
-
-
-def logarithmic(axes: Axes, name: str = "seconds of the FreeFEM script, one thread") -> None:
-    """Name what runs along x; where there are curves, both axes are logarithmic."""
-    axes.set_xlabel(name, color=INK)
+def logarithmic(axes: Axes) -> None:
+    """Where there are curves, make both axes logarithmic."""
     if axes.lines:
         axes.set_xscale("log")
         axes.set_yscale("log")

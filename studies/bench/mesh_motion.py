@@ -13,13 +13,13 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from ffsi.cli import show
-from ffsi.report.curves import FAILURE, LINES
+from ffsi.report.curves import FAILURE, LINES, dress
 from ffsi.report.tables import label
 from ffsi.result.pictures import INK, to_small_png
 from ffsi.run.chain import run_chain
 from ffsi.scene import load_scene
 from studies.harness import Study, multiples
-from studies.tables import Column, TextTable, columns, dress, number, table
+from studies.tables import Column, TextTable, columns, number, table
 
 VELOCITY = "inflow.mean_velocity"
 COMMON = 0.12  # mean velocity at which mesh motions are compared, m/s
@@ -178,11 +178,8 @@ def draw(tracks: Sequence[Track]) -> Figure:
                 if track.end is not None:
                     cross = {**FAILURE, "label": "_failed"}
                     axes.plot([track.end[0]], [0.0], color=COLOURS[kind], clip_on=False, zorder=4, **cross)
-        axes.set_title(f"{sweep.case}, {sweep.title}", loc="left", fontsize=11, color=INK)
-        axes.set_xlabel(label(VELOCITY), color=INK)
-        axes.set_xlim(left=0.0)
-        axes.set_ylim(0.0, 1.0)
-        dress(axes)
+        axes.set(xlim=(0.0, None), ylim=(0.0, 1.0))
+        dress(axes, f"{sweep.case}, {sweep.title}", label(VELOCITY), "")
     panels[0].set_ylabel("min J of the fluid mesh; a cross: not converged", color=INK)
     handles, labels = panels[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=4, frameon=False, fontsize=9, labelcolor=INK)

@@ -15,25 +15,8 @@ import json
 import sys
 from typing import Any
 
+import ngsolve as ng
 from netgen.occ import Circle, Glue, OCCGeometry, Rectangle, X
-from ngsolve import (
-    CF,
-    H1,
-    BilinearForm,
-    Det,
-    Grad,
-    GridFunction,
-    Id,
-    InnerProduct,
-    Integrate,
-    Inv,
-    Mesh,
-    Trace,
-    VectorH1,
-    ds,
-    dx,
-    y,
-)
 
 HEIGHT, LENGTH, RADIUS = 0.41, 2.5, 0.05  # channel and cylinder, m
 DENSITY, VISCOSITY, MEAN_VELOCITY = 1000.0, 1.0, 0.2  # kg/m^3, Pa s, m/s
@@ -47,7 +30,7 @@ GRADING = 0.2  # from one layer around a corner to the next
 MESH_WEIGHT = 1e-3
 
 
-def make_mesh(order: int, maxh: float, layers: int) -> Mesh:
+def make_mesh(order: int, maxh: float, layers: int) -> ng.Mesh:
     """Return the mesh of channel and beam."""
     cylinder = Circle((0.2, 0.2), RADIUS).Face()
     beam = Rectangle(0.4, 0.02).Face().Move((0.2, 0.19, 0)) - cylinder
@@ -66,7 +49,7 @@ def make_mesh(order: int, maxh: float, layers: int) -> Mesh:
     for vertex in shape.vertices:
         if abs(vertex.p.y - 0.2) < 0.011 and 0.2 < vertex.p.x < 0.61:
             vertex.hpref = 1
-    mesh = Mesh(OCCGeometry(shape, dim=2).GenerateMesh(maxh=maxh, grading=0.3))
+    mesh = ng.Mesh(OCCGeometry(shape, dim=2).GenerateMesh(maxh=maxh, grading=0.3))
     if layers:
         mesh.RefineHP(layers, factor=GRADING)
     mesh.Curve(order)
@@ -77,33 +60,33 @@ def solve(order: int, maxh: float, layers: int) -> dict[str, Any]:
     """Return unknowns, triangles and the four quantities."""
     mesh = make_mesh(order, maxh, layers)
     rigid = "inlet|outlet|wall|cylinder|clamped"
-    displacement = VectorH1(mesh, order=order, dirichlet=rigid)
-    velocity = VectorH1(mesh, order=order, definedon="fluid", dirichlet="inlet|wall|cylinder|interface")
-    space = displacement * velocity * H1(mesh, order=order - 1, definedon="fluid")
+    displacement = ng.VectorH1(mesh, order=order, dirichlet=rigid)
+    velocity = ng.VectorH1(mesh, order=order, definedon="fluid", dirichlet="inlet|wall|cylinder|interface")
+    space = displacement * velocity * ng.H1(mesh, order=order - 1, definedon="fluid")
     (u, v, p), (z, w, q) = space.TnT()
-    fluid, solid = dx("fluid", bonus_intorder=2), dx("beam", bonus_intorder=2)
+    fluid, solid = ng.dx("fluid", bonus_intorder=2), ng.dx("beam", bonus_intorder=2)
 
     def momentum(u: Any, v: Any, p: Any, w: Any) -> Any:
-        gradient = Id(2) + Grad(u)
-        cofactor = Det(gradient) * Inv(gradient).trans
-        rate = Grad(v) * cofactor.trans
-        stress = (-p * Id(2) + VISCOSITY / Det(gradient) * (rate + rate.trans)) * cofactor
-        return DENSITY * InnerProduct(rate * v, w) + InnerProduct(stress, Grad(w))
+        gradient = ng.Id(2) + ng.Grad(u)
+        cofactor = ng.Det(gradient) * ng.Inv(gradient).trans
+        rate = ng.Grad(v) * cofactor.trans
+        stress = (-p * ng.Id(2) + VISCOSITY / ng.Det(gradient) * (rate + rate.trans)) * cofactor
+        return DENSITY * ng.InnerProduct(rate * v, w) + ng.InnerProduct(stress, ng.Grad(w))
 
-    gradient = Id(2) + Grad(u)
-    strain = 0.5 * (gradient.trans * gradient - Id(2))
-    second_piola = LAME * Trace(strain) * Id(2) + 2 * SHEAR_MODULUS * strain
-    along = Grad(v).Trace()  # on the outlet d/dy alone
-    form = BilinearForm(space, condense=True)
+    gradient = ng.Id(2) + ng.Grad(u)
+    strain = 0.5 * (gradient.trans * gradient - ng.Id(2))
+    second_piola = LAME * ng.Trace(strain) * ng.Id(2) + 2 * SHEAR_MODULUS * strain
+    along = ng.Grad(v).Trace()  # on the outlet d/dy alone
+    form = ng.BilinearForm(space, condense=True)
     form += (momentum(u, v, p, w) + momentum(u, v, p, z)).Compile() * fluid
-    form += (InnerProduct(gradient * second_piola, Grad(z))).Compile() * solid
-    form += MESH_WEIGHT * InnerProduct(Grad(u), Grad(z)) * fluid
-    form += q * Trace(Grad(v) * (Det(gradient) * Inv(gradient))) * fluid
-    form += -VISCOSITY * (along[0, 1] * w[1] - along[1, 1] * w[0]) * ds("outlet")
+    form += (ng.InnerProduct(gradient * second_piola, ng.Grad(z))).Compile() * solid
+    form += MESH_WEIGHT * ng.InnerProduct(ng.Grad(u), ng.Grad(z)) * fluid
+    form += q * ng.Trace(ng.Grad(v) * (ng.Det(gradient) * ng.Inv(gradient))) * fluid
+    form += -VISCOSITY * (along[0, 1] * w[1] - along[1, 1] * w[0]) * ng.ds("outlet")
 
-    state = GridFunction(space)
+    state = ng.GridFunction(space)
     moved, flow, pressure = state.components
-    flow.Set(CF((6 * MEAN_VELOCITY * y * (HEIGHT - y) / HEIGHT**2, 0)), definedon=mesh.Boundaries("inlet"))
+    flow.Set(ng.CF((6 * MEAN_VELOCITY * ng.y * (HEIGHT - ng.y) / HEIGHT**2, 0)), definedon=mesh.Boundaries("inlet"))
     residual, step = state.vec.CreateVector(), state.vec.CreateVector()
     for _ in range(20):
         form.Apply(state.vec, residual)
@@ -119,11 +102,11 @@ def solve(order: int, maxh: float, layers: int) -> dict[str, Any]:
     else:
         raise SystemExit("Newton's method did not converge")
 
-    part = GridFunction(VectorH1(mesh, order=order, definedon="fluid"))
+    part = ng.GridFunction(ng.VectorH1(mesh, order=order, definedon="fluid"))
     force = []
     for direction in ((1, 0), (0, 1)):
-        part.Set(CF(direction), definedon=mesh.Boundaries("cylinder|interface"))
-        force.append(-Integrate(momentum(moved, flow, pressure, part) * fluid, mesh))
+        part.Set(ng.CF(direction), definedon=mesh.Boundaries("cylinder|interface"))
+        force.append(-ng.Integrate(momentum(moved, flow, pressure, part) * fluid, mesh))
     tip = moved(mesh(*TIP))
     names = ("drag", "lift", "tip_ux", "tip_uy")
     found = dict(zip(names, (*force, *tip), strict=True))

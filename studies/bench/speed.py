@@ -21,11 +21,11 @@ from ffsi.cli import show
 from ffsi.files import folder
 from ffsi.files.errors import InputError
 from ffsi.freefem import find_freefem
-from ffsi.report.curves import LINES, MARKERS
+from ffsi.report.curves import LINES, MARKERS, dress
 from ffsi.result.pictures import INK, to_png
 from ffsi.result.quantities import WORDS
 from studies.harness import Content, Place, Study, repeated
-from studies.tables import Column, TextTable, columns, dress, logarithmic, table, unsigned
+from studies.tables import Column, TextTable, columns, logarithmic, table, unsigned
 from studies.verification.sources import ReferenceSet, compared
 
 PEER_PYTHON = Path(".venv-peers/bin/python")  # made by `make bench-peers`
@@ -175,7 +175,6 @@ def draw(panels: Mapping[str, Sequence[Curve]]) -> Figure:
     shown = figure.subplots(2, len(panels), squeeze=False)
     axis = {"seconds": "seconds of processor time", "unknowns": "unknowns"}
     for column, (title, curves) in zip(shown.T, panels.items(), strict=True):
-        column[0].set_title(title, loc="left", fontsize=11, color=INK)
         for axes, (key, name) in zip(column, axis.items(), strict=True):
             for i, (label, rows, error) in enumerate(curves):
                 # The level that the others are compared with has the error 0.
@@ -183,11 +182,9 @@ def draw(panels: Mapping[str, Sequence[Curve]]) -> Figure:
                 style = {"color": LINES[i % len(LINES)], "marker": MARKERS[i % len(MARKERS)]}
                 if points:
                     axes.plot(*zip(*points, strict=True), label=label, linewidth=1.4, markersize=5, **style)
-            logarithmic(axes, name)
-            dress(axes, "both", 0.6)
+            logarithmic(axes)
+            dress(axes, title if axes is column[0] else "", name, "size of the relative error (%)")
         column[0].legend(frameon=False, fontsize=9, labelcolor=INK)
-    for axes in shown[:, 0]:
-        axes.set_ylabel("size of the relative error (%)", color=INK)
     return figure
 
 

@@ -14,9 +14,10 @@ import pandas as pd
 from matplotlib.figure import Figure
 from scipy.optimize import brentq, curve_fit
 
+from ffsi.report.curves import dress
 from ffsi.result.pictures import INK, to_small_png
 from studies.harness import Content, Run, Study, run_one, side_by_side
-from studies.tables import TextTable, columns, dress, table
+from studies.tables import TextTable, columns, table
 from studies.verification.acid_scenes import INNER, OUTER, scenes_of
 
 RUNS = Path("runs/acid")
@@ -210,9 +211,8 @@ def draw(runs: Mapping[str, Run]) -> Figure:
         for curve, known in published(key).groupby("curve", sort=False):
             axes.plot(known["t"], known["value"], "o", markersize=3, markerfacecolor="none", label=curve)
         axes.plot(history["time"], history[column], color=INK, linewidth=0.9, label="ours")
-        axes.set(title=title, xlabel="t, s", ylabel=label)
         axes.legend(frameon=False, fontsize=8)
-        dress(axes)
+        dress(axes, title, "t, s", label)
     return figure
 
 

@@ -11,10 +11,11 @@ from typing import Any
 import pandas as pd
 from matplotlib.figure import Figure
 
+from ffsi.report.curves import dress
 from ffsi.result.pictures import to_png
 from ffsi.scene import CASES, load_scene
 from studies.harness import PLAIN, Run, Study, run_one, side_by_side
-from studies.tables import columns, dress, logarithmic, percent, table
+from studies.tables import columns, logarithmic, percent, table
 
 RUNS = Path("runs/errors")
 LEVELS, FINEST = (0, 1, 2), 4
@@ -98,8 +99,7 @@ def _picture(rows: pd.DataFrame) -> Figure:
     for level, own in relative.groupby("level"):
         axes.plot(own["x"], own["y"], "o", markersize=3.5, label=f"level {level}")
     axes.axline((1e-4, 1e-4), slope=1, color="#777", linewidth=0.8)
-    logarithmic(axes, "relative error")
-    axes.set_ylabel("relative error bar")
+    logarithmic(axes)
     axes.legend(frameon=False)
-    dress(axes)
+    dress(axes, "", "relative error", "relative error bar")
     return figure

@@ -13,7 +13,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ffsi.report.curves import LINES, MARKERS
+from ffsi.report.curves import LINES, MARKERS, dress
 from ffsi.report.history import time_history
 from ffsi.result.in_time import last_period
 from ffsi.result.oscillation import BLOCK as PERIODS
@@ -22,7 +22,7 @@ from ffsi.result.pictures import FAINT, INK, to_small_png
 from ffsi.result.published import references
 from ffsi.scene import CASES, Scene, load_scene
 from studies.harness import PLAIN, Content, Place, Run, Study, run_all
-from studies.tables import Column, TextTable, bounded, columns, dress, logarithmic, table
+from studies.tables import Column, TextTable, bounded, columns, logarithmic, table
 
 RUNS = Path("runs/verify")
 LARGEST = 40_000
@@ -204,7 +204,6 @@ def draw(groups: Mapping[PeriodicCase, Outcomes]) -> Figure:
         _signals(left, case, outcomes)
         _errors(right, case, [(plan, run) for plan, run in outcomes if not run.failure])
         for axes in (left, right):
-            dress(axes)
             if axes.get_legend_handles_labels()[0]:
                 axes.legend(frameon=False, fontsize=8, labelcolor=INK, loc="center left", bbox_to_anchor=(1.0, 0.5))
     return figure
@@ -212,8 +211,7 @@ def draw(groups: Mapping[PeriodicCase, Outcomes]) -> Figure:
 
 def _signals(axes: Axes, case: PeriodicCase, outcomes: Outcomes) -> None:
     """Draw the last periods of every run, counted back from the end of its last one; dashed: what was published."""
-    axes.set_title(case.name, loc="left", fontsize=11, color=INK)
-    axes.set_xlabel("periods before the last upward crossing of the mean", color=INK)
+    dress(axes, case.name, "periods before the last upward crossing of the mean", "")
     for i, (plan, run) in enumerate(outcomes):
         history, name, period = run.history, reference_column(run.history), last_period(run.history)
         if name is None or period is None:
@@ -233,8 +231,8 @@ def _signals(axes: Axes, case: PeriodicCase, outcomes: Outcomes) -> None:
 
 def _errors(axes: Axes, case: PeriodicCase, outcomes: Outcomes) -> None:
     """Draw the size of each error; filled: the catalogue's time step; lines join meshes with the same time step."""
-    axes.set_title("filled: the catalogue's time step; open: others", loc="left", fontsize=9, color=FAINT)
-    axes.set_ylabel("relative error (%)", color=INK)
+    title = "filled: the catalogue's time step; open: others"
+    dress(axes, title, "seconds of the FreeFEM script, one thread", "relative error (%)")
     for i, part in enumerate(case.compared):
         colour = LINES[i % len(LINES)]
         for j, step in enumerate(dict.fromkeys(plan.step for plan, _ in outcomes)):

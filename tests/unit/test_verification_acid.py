@@ -179,4 +179,4 @@ def test_scenes_are_valid_and_their_meshes_what_they_say(test, tmp_path):
 def test_histories_are_drawn():
     drawn = {test["title"]: test["drawn"][0] for test in acid.TESTS.values() if "drawn" in test}
     runs = {name: history([0.0, 1.0], tip_ux=[0.0, 0.1], tip_uy=[0.0, 0.1]) for name in drawn.values()}
-    assert [axes.get_title() for axes in acid.draw(runs).axes] == [*drawn] and len(drawn) == 4
+    assert [axes.get_title(loc="left") for axes in acid.draw(runs).axes] == [*drawn] and len(drawn) == 4
