@@ -1,16 +1,12 @@
 """Aneurysm: steady flow beside Poiseuille's, stress at walls beside exact values, cycles beside their states."""
 
-import os
-import signal
-import subprocess
-import sys
-import time
 from pathlib import Path
 
 import meshio
 import numpy as np
 import pytest
 from conftest import scene_of
+from test_unsteady import killed
 
 import ffsi
 from ffsi.files.arrays import read_mesh, read_state
@@ -22,7 +18,6 @@ from ffsi.run.one_scene import solve
 from ffsi.scene import CASES, Scene
 from studies.verification.exact_flows import far_flow
 
-COMMAND = [sys.executable, "-c", "from ffsi.cli.main import main; main()"]
 RADII = 6e-3, 8e-3
 FLOW_RATE, VISCOSITY = 0.1 / 3 * 2e-3, 3.5e-3
 
@@ -202,15 +197,7 @@ def test_the_sums_survive_a_kill(whole: Result, tmp_path: Path) -> None:
     toml = tmp_path / "scene.toml"
     toml.write_text(pulsatile(output_interval=0.125, checkpoint_interval=0.04).to_toml())
     run = tmp_path / "run"
-    words = [*COMMAND, "run", str(toml), "--out", str(run)]
-    process = subprocess.Popen(words, start_new_session=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    history = run / "history.csv"
-    while not history.is_file() or len(history.read_text().splitlines()) <= 17:
-        assert process.poll() is None
-        time.sleep(0.005)
-    os.killpg(process.pid, signal.SIGKILL)
-    process.wait()
-    time.sleep(0.3)
+    killed(run, 17, toml)
     checked(ffsi.resume(run))
     assert (run / "wall-0002.bin").read_bytes() == (whole.directory / "wall-0002.bin").read_bytes()
 

@@ -5,12 +5,13 @@ import math
 
 import numpy as np
 import pytest
+from test_blood import rigid
 from test_loads import block, displacement
 from test_walls import channel, state_of
 
 from ffsi.freefem import run_script
 from ffsi.run.one_scene import solve
-from ffsi.scene import CASES, Scene, SceneError, load_scene, with_values
+from ffsi.scene import SceneError, load_scene, with_values
 from ffsi.scene.expressions import Expression
 from ffsi.script.render import render
 
@@ -100,12 +101,8 @@ INLET = "real inletX = 0, inletY = 0, inwardX = 1, inwardY = 0,"
 LAST_OF_MESH = "  ShapeMesh();\n}"
 
 
-def rigid_flap() -> Scene:
-    table = CASES["flap-svk"].model_dump(exclude_none=True)
-    table = {key: table[key] for key in table if key not in ("solid", "mesh_motion")}
-    table["mesh"] = {"level": 0}
-    table["inflow"]["profile"] = "y * (H - y) * (1 + y / H)"  # not symmetric: the direction along the inlet matters
-    return Scene.model_validate(table)
+# Not symmetric: the direction along the inlet matters.
+RIGID = rigid(inflow={"mean_velocity": 0.12, "profile": "y * (H - y) * (1 + y / H)"})
 
 
 def turned(text: str, angle: float, dx: float, dy: float) -> str:
@@ -128,12 +125,12 @@ def forces(installation, tmp_path_factory):
     return forces
 
 
-straight = pytest.fixture(lambda forces: forces(render(rigid_flap())), scope="module")
+straight = pytest.fixture(lambda forces: forces(render(RIGID)), scope="module")
 
 
 @pytest.mark.parametrize(("angle", "shift"), [(math.pi / 2, (0.0, 0.0)), (2.5, (0.3, -0.7))])
 def test_a_turned_channel_has_turned_forces(forces, straight, angle, shift):
-    after = forces(turned(render(rigid_flap()), angle, *shift))
+    after = forces(turned(render(RIGID), angle, *shift))
     rotation = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
     for form in ("", "_surface"):
         expected = rotation @ [straight[f"drag{form}"], straight[f"lift{form}"]]

@@ -50,10 +50,10 @@ def wait_for_rows(history: Path, rows: float, process: subprocess.Popen[bytes]) 
         time.sleep(0.005)
 
 
-def killed(out: Path, rows: int, *settings: str) -> None:
-    """Run FSI3 and kill the whole process group with SIGKILL after so many rows of the history."""
-    told = [item for word in (*STEPS, *PLAIN, *settings) for item in ("--set", word)]
-    words = [*COMMAND, "run", "turek-fsi3", *told, "--out", str(out)]
+def killed(out: Path, rows: int, case: str | Path, *settings: str) -> None:
+    """Run a case and kill the whole process group with SIGKILL after so many rows of the history."""
+    told = [item for word in settings for item in ("--set", word)]
+    words = [*COMMAND, "run", str(case), *told, "--out", str(out)]
     process = subprocess.Popen(words, start_new_session=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     history = out / "history.csv"
     try:
@@ -151,7 +151,7 @@ def test_a_script_killed_at_any_moment_comes_to_the_same_when_it_goes_on(tmp_pat
 
 
 def test_killed_twice(tmp_path, whole, capsys):
-    killed(tmp_path / "run", 8)
+    killed(tmp_path / "run", 8, "turek-fsi3", *STEPS, *PLAIN)
     assert not (tmp_path / "run" / "result.json").exists()
     words = [*COMMAND, "run", "--resume", str(tmp_path / "run")]
     process = subprocess.Popen(words, start_new_session=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)

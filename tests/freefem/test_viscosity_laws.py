@@ -1,21 +1,20 @@
 """Viscosity laws: the script's own formulas, Poiseuille flow of each, Newton's convergence, elastic bodies, time."""
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 from conftest import scene_of
-from scipy.integrate import quad
 from test_channel import channel
 from test_newton import orders
 
 import ffsi
 from ffsi.freefem import run_script
 from ffsi.hemodynamics.result import Result
+from ffsi.reference.from_scene import problem_from_scene
 from ffsi.run.one_scene import solve
 from ffsi.scene import Scene
-from ffsi.scene.fluids import LAWS, Fluid
+from ffsi.scene.fluids import LAWS
 from ffsi.script.render import parameters, render
+from studies.verification.exact_flows import plane_flow
 
 DENSITY, HALF, LENGTH = 1060.0, 1e-3, 30e-3
 CARREAU = {"law": "carreau", "density": DENSITY}
@@ -28,25 +27,6 @@ THICK = {
     "power-law": 'fluid={law="power-law", density=1000, consistency=1, exponent=0.6}',
     "casson": 'fluid={law="casson", density=1000, yield_stress=0.2, viscosity_infinity=0.5, regularisation=0.1}',
 }
-
-
-def viscosity(fluid: Fluid, rate: np.ndarray) -> np.ndarray:
-    match fluid.law:
-        case "carreau":
-            thinning = (1 + fluid.time_constant_squared * rate**2) ** fluid.exponent
-            return fluid.viscosity_infinity + (fluid.viscosity_zero - fluid.viscosity_infinity) * thinning
-        case "power-law":
-            return fluid.consistency * np.hypot(rate, fluid.regularisation) ** (fluid.exponent - 1)
-        case "casson":
-            root = np.sqrt(fluid.yield_stress / np.hypot(rate, fluid.regularisation))
-            return (np.sqrt(fluid.viscosity_infinity) + root) ** 2
-    raise ValueError(fluid.law)
-
-
-def far_viscosity(fluid: Fluid) -> float:
-    if fluid.law == "power-law":
-        return 0.0 if fluid.exponent < 1 else float(viscosity(fluid, np.array(0.0)))
-    return fluid.viscosity_infinity
 
 
 def test_all_laws_are_here():
@@ -75,46 +55,21 @@ def test_the_script_s_formulas(law, installation, tmp_path):
     ]))  # fmt: skip
     run_script(script, installation=installation, cwd=tmp_path, time_limit=60)
     *found, far = np.loadtxt(tmp_path / "viscosity.txt")
-    expected = viscosity(scene.fluid, RATES)
+    law = problem_from_scene(scene).fluid.viscosity
+    expected = law.at(RATES**2)
     np.testing.assert_allclose(np.array(found)[:, 0], 3 * expected, rtol=1e-14)
     np.testing.assert_allclose(np.array(found)[:, 1], expected, rtol=1e-14)
-    assert far[0] == pytest.approx(far_viscosity(scene.fluid), rel=1e-14)
+    assert far[0] == pytest.approx(law.outlet, rel=1e-14)
 
 
-def test_carreau_s_published_constants():
-    fluid = channel(fluid=CARREAU).fluid
-    assert viscosity(fluid, np.array([1, 100, 1000])) == pytest.approx([0.027098, 0.004708, 0.003736], abs=5e-7)
-
-
-def rate_of_stress(fluid: dict) -> Callable[[float], float]:
-    """Return the shear rate (1/s) at a shear stress (Pa), without regularisation."""
-    if fluid["law"] == "power-law":
-        return lambda stress: (stress / fluid["consistency"]) ** (1 / fluid["exponent"])
-    yielding = np.sqrt(fluid["yield_stress"])
-    return lambda stress: max(0.0, np.sqrt(stress) - yielding) ** 2 / fluid["viscosity_infinity"]
-
-
-def profile(fluid: dict, slope: float) -> tuple[float, float]:
-    """Return the largest and the mean velocity between plates for a pressure gradient in Pa/m, by quadrature."""
-    rate = rate_of_stress(fluid)
-    core = [fluid["yield_stress"] / slope] if "yield_stress" in fluid else None
-    options = {"points": core, "epsrel": 1e-12}
-    largest, _ = quad(lambda y: rate(slope * y), 0, HALF, **options)
-    flow, _ = quad(lambda y: rate(slope * y) * y, 0, HALF, **options)  # by parts: int u dy = int y |u'| dy
-    return largest, flow / HALF
-
-
-# Pressure gradient in Pa/m, largest and mean velocity in m/s; Carreau's by integration along y.
-CARREAU_FLOWS = [
-    (10.0, 9.4270969e-5, 6.3527417e-5),
-    (100.0, 0.0043290559, 0.0032008878),
-    (1000.0, 0.1102402, 0.07601542),
-]
+# Pressure gradient in Pa/m, largest and mean velocity in m/s.
 FLOWS = [
-    *((CARREAU, *flow, 1e-4) for flow in CARREAU_FLOWS),
-    *((POWER, slope, *profile(POWER, slope), 1e-3) for slope in (20.0, 500.0)),
-    *((CASSON, slope, *profile(CASSON, slope), 1e-3) for slope in (50.0, 500.0)),
-]
+    (fluid, slope, *plane_flow(channel(fluid=fluid).fluid, slope, HALF)[::-1], tolerance)
+    for fluid, slopes, tolerance in (
+        (CARREAU, (10.0, 100.0, 1000.0), 1e-4), (POWER, (20.0, 500.0), 1e-3), (CASSON, (50.0, 500.0), 1e-3),
+    )
+    for slope in slopes
+]  # fmt: skip
 
 
 def poiseuille(fluid: dict, mean: float, folder, **tables) -> Result:
@@ -153,7 +108,7 @@ def wall_shear_stress(result: Result, x: float) -> float:
     gauss = row / 2 * (1 + np.array([-1, 1]) / np.sqrt(3))
     u = result.sample([[x, 0], [x, row / 2], [x, row]])["vx"].to_numpy()
     rate = (-3 * u[0] + 4 * u[1] - u[2]) / row + 4 * gauss * (u[0] - 2 * u[1] + u[2]) / row**2
-    stress = viscosity(result.scene.fluid, rate) * rate
+    stress = problem_from_scene(result.scene).fluid.viscosity.at(rate**2) * rate
     return float(stress[0] - gauss[0] * (stress[1] - stress[0]) / (gauss[1] - gauss[0]))
 
 

@@ -53,9 +53,11 @@ def test_a_uniform_flow_slips_through(time, tmp_path):
     assert again == scene
 
 
-def test_a_uniform_flow_between_walls_at_rest_loses_nothing_at_its_ends(tmp_path):
-    """Half of an edge at each end carried nothing, a twelfth of the flow here."""
-    result = solve(channel(tmp_path, {"walls": ["low", "high"]}), tmp_path / "run")
+@pytest.mark.parametrize("profile", ["uniform", "4*y^3"])
+def test_a_flow_between_walls_at_rest_loses_nothing_at_its_ends(profile, tmp_path):
+    """Half of an edge at each end carried nothing, a twelfth of the uniform flow here."""
+    inflow = {"mean_velocity": 1.5, "profile": profile}
+    result = solve(channel(tmp_path, {"walls": ["low", "high"]}, inflow=inflow), tmp_path / "run")
     assert result.checked
     mesh, state = state_of(result)
     for label in (1, 2):
