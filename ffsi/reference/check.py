@@ -22,6 +22,7 @@ from ffsi.reference.quantities import Difference, Quantity, at_outlet, compare, 
 from ffsi.reference.relative import largest, relative
 from ffsi.reference.residual import compute_residual
 from ffsi.reference.sensitivities import derivatives, flattened
+from ffsi.reference.sizes import reference_pressure
 from ffsi.reference.slip import across
 from ffsi.reference.start import start_difference
 from ffsi.reference.step import Step
@@ -305,6 +306,9 @@ def _dirichlet(system: System, state: RawState) -> float:
     fields = zip(state.fields, rows.prescribed.fields, rows.given, old.fields, strict=True)
     sliding = ((state.u, rows.u_normal), (state.v, rows.v_normal))
     off = [relative(*(largest(np.abs(part).ravel()) for part in (across(*each), each[0]))) for each in sliding]
+    if (level := system.problem.mean_pressure) is not None and system.fluid is not None:
+        size = largest([abs(level), *np.abs(state.p)])
+        off.append(relative(abs(reference_pressure(system.fluid, state) - level), size))
     return largest([*(_deviation(*each) for each in fields), *off])
 
 

@@ -107,6 +107,7 @@ def problem_from_scene(scene: Scene) -> Problem:
         if (m := scene.mesh_motion)
         else None,
         mean_velocity=scene.mean_velocity,
+        mean_pressure=scene.fluid.mean_pressure if scene.fluid else None,
         reference_length=scene.forces.reference_length if scene.forces else None,
         names=dict(enumerate(scene.solid, start=FLUID_REGION + 1)),
         points=({"tip": scene.tip} if scene.tip else {}) | scene.probes,

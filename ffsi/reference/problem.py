@@ -123,7 +123,8 @@ class Problem:
 
     ``solids`` by region number (2, 3, ...); ``gravity`` m/s2; ``traction`` the dead load on boundaries with the role
     loaded, Pa per reference length; ``support`` what holds boundaries with the role supported;
-    ``mean_velocity`` and ``reference_length`` scale the force coefficients; ``names`` of the solids by region;
+    ``mean_velocity`` and ``reference_length`` scale the force coefficients; ``mean_pressure``, Pa, is that of a closed
+    fluid, whose pressure nothing else gives a level; ``names`` of the solids by region;
     ``points`` by name, where the displacement is reported, reference coordinates in m; ``manufactured`` is for tests.
     With ``chords`` vertices on circles are those of a refined mesh, and may lie on chords.
     Raises ``ValueError`` where the pieces do not fit together.
@@ -140,6 +141,7 @@ class Problem:
     outlet: Outlet | None = None
     mesh_motion: MeshMotion | None = None
     mean_velocity: float | None = None
+    mean_pressure: float | None = None
     reference_length: float | None = None
     names: Mapping[int, str] = field(default_factory=dict)
     points: Mapping[str, tuple[float, float]] = field(default_factory=dict)

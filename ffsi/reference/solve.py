@@ -118,7 +118,12 @@ def jacobian(system: System, state: RawState) -> csc_array:
     identity = diags_array(given.astype(float))
     result: csc_array = (diags_array((~given).astype(float)) @ matrix[source] + identity).tocsc()
     sliding = _sliding(system)
-    return (result - sliding @ result + sliding).tocsc() if sliding.nnz else result
+    result = (result - sliding @ result + sliding).tocsc() if sliding.nnz else result
+    if (closed := _of_level(system)) is not None:
+        whole = result.tolil()
+        whole[closed[0]] = closed[1]
+        result = whole.tocsc()
+    return result
 
 
 def residual_vector(system: System, state: RawState, residual: Residual) -> Floats:
@@ -140,7 +145,23 @@ def residual_vector(system: System, state: RawState, residual: Residual) -> Floa
     # The prescribed v is zero in steady solids: there the kinematics is a deviation like the boundary conditions.
     vector = np.where(given, flat(state) - flat(system.rows.prescribed), np.concatenate(equations)[source])
     sliding = _sliding(system)
-    return np.asarray(vector - sliding @ vector + sliding @ flat(state))
+    vector = vector - sliding @ vector + sliding @ flat(state)
+    if (closed := _of_level(system)) is not None:
+        vector[closed[0]] = closed[1] @ flat(state) - closed[2]
+    return np.asarray(vector)
+
+
+def _of_level(system: System) -> tuple[int, Floats, float] | None:
+    """Return a row of the continuity that follows from the others, and that of the mean pressure (N,) with its value.
+
+    None where the fluid is not closed.
+    """
+    if (level := system.problem.mean_pressure) is None or system.fluid is None:
+        return None
+    n2, elements = system.mesh.n_p2, system.fluid.elements
+    weights = np.zeros(4 * n2 + system.rows.p_given.size + system.rows.ps_given.size)
+    np.add.at(weights, 4 * n2 + elements.vertices, elements.area[:, None] / (3 * elements.area.sum()))
+    return 4 * n2 + int(elements.vertices.min()), weights, level
 
 
 def _sliding(system: System) -> csc_array:

@@ -264,6 +264,11 @@ def with_mean_velocity(inflow: InflowType, height: float) -> InflowType:
     return inflow.model_copy(update={"mean_velocity": velocity, "peak_velocity": None, "flow_rate": None})
 
 
+def mean_of_profile(inflow: Inflow, height: float) -> float:
+    """Return the profile's mean over an inlet of a height, m, dimensionless."""
+    return _size_of_profile(inflow, height)[1]
+
+
 def _size_of_profile(inflow: Inflow, height: float) -> tuple[float, float]:
     """Return the profile's largest value and its mean over the inlet, both dimensionless."""
     y = np.linspace(0.0, height, 2001)

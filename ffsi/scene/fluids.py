@@ -18,6 +18,7 @@ from ffsi.scene.units import (
     Quantity,
     ShearRate,
     SquaredTime,
+    Stress,
     Viscosity,
 )
 
@@ -31,6 +32,9 @@ class IncompressibleFluid(Table, ABC):
     """
 
     density: Density = Field(description="density, kg/m^3")
+    mean_pressure: Stress | None = Field(
+        None, description="mean of p over a closed fluid whose pressure nothing else says, 0 if absent there, Pa"
+    )
 
     @abstractmethod
     def apparent_viscosity(self, shear_rate: Floats) -> Floats:

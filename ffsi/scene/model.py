@@ -22,7 +22,7 @@ from ffsi.scene.listing import rows
 from ffsi.scene.loads import Load, load_problems
 from ffsi.scene.materials import Solid
 from ffsi.scene.numerics import SIZES, Mesh, MeshMotion, Output, Solver
-from ffsi.scene.openings import inflow_problems, opening_problems, with_mean_velocities
+from ffsi.scene.openings import closed_problems, inflow_problems, opening_problems, with_mean_velocities
 from ffsi.scene.outlet import Outlet, Outlets
 from ffsi.scene.start import Start, start_problems
 from ffsi.scene.time import Time
@@ -181,6 +181,8 @@ class Scene(Table):
             wall_problems(self.walls, self.geometry, outline, self.time.end if self.time else None),
         ]
         refuse([problem for group in problems for problem in group])
+        if self.fluid and self.level_is_given and self.fluid.mean_pressure is None:
+            self.fill(fluid=self.fluid.model_copy(update={"mean_pressure": 0.0}))
         if self.inflow and isinstance(self.geometry, ChannelGeometry) and self.inflow.mean_velocity is None:
             self.fill(inflow=with_mean_velocity(self.inflow, self.geometry.inlet.height))
         if isinstance(self.geometry, ChannelGeometry) and self.inlet:
@@ -212,11 +214,20 @@ class Scene(Table):
             yield Problem("fluid", "missing; a scene needs a fluid, a solid or both")
             return
         yield from self.geometry.scene_problems(self.solid, self.fluid is not None)
+        roles = {"inflow" if side.role == "inlet" else side.role for side in self.geometry.outline(self.physics)}
         for key in ("inflow", "outlet"):
-            if self.fluid and getattr(self, key) is None and not (key == "inflow" and self.inlet):
+            if self.fluid and key not in roles and getattr(self, key):
+                text = f"not accepted: geometry.boundaries has no {'inlet' if key == 'inflow' else key}"
+                yield Problem(key, text)
+            if self.fluid and key in roles and getattr(self, key) is None and not (key == "inflow" and self.inlet):
                 yield Problem(key, f"missing; {type(self).model_fields[key].description}")
         if self.only_outlet is not None and self.only_outlet.hydrostatic and self.gravity is None:
             yield Problem("outlet.hydrostatic", "only accepted in a scene with a table gravity", "true")
+        if self.closed:
+            yield from closed_problems(self.solid, self.inflow, self.inlet, self.walls, self.geometry, self.time)
+        if self.fluid and self.fluid.mean_pressure is not None and not self.level_is_given:
+            text = "only accepted in a closed fluid (no outlet, no pressure at an inlet), steady or between rigid walls"
+            yield Problem("fluid.mean_pressure", text, f"{short(self.fluid.mean_pressure)} Pa")
         if self.inflow is not None and self.inlet:
             yield Problem("inflow", "not accepted beside tables inlet.NAME, which say what flows in")
         for key in ("inflow", "inlet", "outlet", "forces"):
@@ -262,7 +273,7 @@ class Scene(Table):
             yield Problem("mesh.root_size", text, f"{short(self.mesh.root_size)} m")
 
     def _inflow_problems(self) -> Iterator[Problem]:
-        if self.inflow is None or not isinstance(self.geometry, ChannelGeometry):
+        if self.inflow is None or not isinstance(self.geometry, ChannelGeometry) or not self.geometry.named_inlets:
             return
         height = self.geometry.inlet.height
         if self.inflow.profile == WOMERSLEY and isinstance(self.fluid, PowerLaw):
@@ -319,6 +330,17 @@ class Scene(Table):
     def steady(self) -> bool:
         """Whether the scene has no table time."""
         return self.time is None
+
+    @property
+    def closed(self) -> bool:
+        """Whether the scene has a fluid that no boundary with a natural condition lets out or in."""
+        pressed = any(inlet.pressure is not None for inlet in self.inlet.values())
+        return self.fluid is not None and self.outlet is None and not pressed
+
+    @property
+    def level_is_given(self) -> bool:
+        """Whether the level of the pressure is `fluid.mean_pressure`: in time solids around a closed fluid give it."""
+        return self.closed and (self.steady or not self.solid)
 
     @property
     def only_outlet(self) -> Outlet | None:

@@ -7,13 +7,17 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from ffsi.scene.errors import Problem, names, nearest, short
-from ffsi.scene.flow import Inflow, Inlet, velocity_problems, with_mean_velocity
+from ffsi.scene.flow import Inflow, Inlet, mean_of_profile, velocity_problems, with_mean_velocity
 from ffsi.scene.geometry import ChannelGeometry, GeometryBase, MeshGeometry
+from ffsi.scene.materials import Solid
 from ffsi.scene.outlet import Outlet
 from ffsi.scene.time import Time
+from ffsi.scene.walls import Wall
 
 _NO_TIME = "only accepted in a scene with a table time (time.step and time.end)"
 _ALONG_AXIS = 1e-9
+_LEAK = 1e-9
+"""Part of a flow that is rounding."""
 _BEYOND = 0.01
 """Part of an inlet by which a measured profile may be longer."""
 
@@ -42,6 +46,48 @@ def inflow_problems(inflow: Inflow, height: float, time: Time | None, table: str
     if bad.size and inflow.fourier is None:
         text = f"not finite at t = {bad[0]:.4g} s; accepted: a formula that is defined for t from 0 to time.end"
         yield Problem(f"{table}.waveform", text, short(inflow.waveform))
+
+
+def closed_problems(
+    solids: Mapping[str, Solid],
+    inflow: Inflow | None,
+    inlets: Mapping[str, Inlet],
+    walls: Mapping[str, Wall],
+    geometry: GeometryBase,
+    time: Time | None,
+) -> Iterator[Problem]:
+    """Yield what is wrong with a fluid that has no natural condition: what comes in must have where to go."""
+    if not isinstance(geometry, MeshGeometry):
+        return
+    if time is not None and solids:
+        free = any(side.role not in ("clamped", "interface") for side in geometry.outline("solid"))
+        if not free and all(solid.incompressible for solid in solids.values()):
+            text = "nothing says the level of its pressure in a closed fluid; accepted: a compressible solid"
+            yield Problem(f"solid.{next(iter(solids))}.formulation", f"{text}, or one with another boundary")
+        return
+    end = time.end if time else 0.0
+    t = np.linspace(0.0, end, 101)
+    flows = []  # into the fluid
+    for name, place in geometry.named_inlets.items():
+        each = inlets.get(name) if name else inflow
+        if each is not None:
+            known = with_mean_velocity(each, place.height) if each.mean_velocity is None else each
+            area = mean_of_profile(known, place.height) * place.height
+            flows.append((known.mean_velocity or 0.0) * area * each.factor(t))
+    for side in geometry.outline("fluid"):
+        if (wall := walls.get(side.moving or "")) is not None and wall.displaced:
+            start, last = geometry.ends_of(side.label).transpose(1, 0, 2)
+            points = np.stack([start, (start + last) / 2, last])
+            movement = wall.movement(points.reshape(-1, 2), end)
+            moved, v = (each.reshape(2, len(t), *points.shape[:2]) for each in movement)
+            x, middle, y = (points.transpose(2, 0, 1)[:, None] + moved).transpose(2, 0, 1, 3)
+            along = (4 * middle - 3 * x - y, 4 * (y - x), x - 4 * middle + 3 * y)  # Simpson's rule is exact
+            flows += [*(sum(n[0] * v[1, :, i] - n[1] * v[0, :, i] for i, n in enumerate(along)) / 6).T]
+    total = np.sum(flows, axis=0) if flows else np.zeros(len(t))
+    if (np.abs(total) > _LEAK * np.abs(flows).max(initial=0.0)).any():
+        i = int(np.abs(total).argmax())
+        text = f"{total[i]:.4g} m^2/s enter a closed fluid{f' at t = {t[i]:.4g} s' if time else ''}"
+        yield Problem("geometry.boundaries.outlet", f"{text}; accepted: an outlet, or a pressure at an inlet")
 
 
 def opening_problems(

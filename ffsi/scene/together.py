@@ -29,7 +29,6 @@ def rules() -> Rule:
     return every(
         [
             some(given("fluid"), SOLIDS),
-            when(given("fluid"), every([given("outlet"), some(given("inflow"), at("inlet", {"minProperties": 1}))])),
             *(when(given(table), given("fluid")) for table in OF_FLUID),
             when(given("mesh_motion"), SOLIDS),
             when(equals("outlet.hydrostatic", True), given("gravity")),
@@ -49,6 +48,9 @@ def _of_geometry(geometry: type[GeometryBase]) -> Iterator[Rule]:
     if issubclass(geometry, MeshGeometry):
         yield when(here, _of_mesh())
         return
+    if issubclass(geometry, ChannelGeometry):
+        inlet = some(given("inflow"), at("inlet", {"minProperties": 1}))
+        yield when(every([here, given("fluid")]), every([given("outlet"), inlet]))
     # Any lengths do: what is asked are names and roles.
     lengths: dict[str, Any] = {name: 1.0 for name, field in geometry.model_fields.items() if field.is_required()}
     example = geometry.model_construct(**lengths)
@@ -80,14 +82,15 @@ def _of_mesh() -> Rule:
     """Return the rules of a mesh from a file: it has the sizes, and a fluid where a region is one."""
     bare = absent(*(f"mesh.{key}" for key in SIZES))
     of_fluid = [f"geometry.boundaries.{key}" for key in ("inlet", "outlet", "walls", "slip")]
-    several = [at(f"geometry.{key}s", {"minProperties": 1}) for key in ("inlet", "outlet")]
-    openings = every(some(given(key), more) for key, more in zip(of_fluid[:2], several, strict=True))
+    outlets = some(given("geometry.boundaries.outlet"), at("geometry.outlets", {"minProperties": 1}))
     loads = some(given("traction"), at("loads", {"minProperties": 1}))
     return every(
         [
             bare,
             when(given("mesh.size_factor"), equals("mesh.size_factor", 1)),
-            when(given("geometry.regions.fluid"), every([given("fluid"), openings]), absent("fluid", *of_fluid)),
+            when(given("geometry.regions.fluid"), given("fluid"), absent("fluid", *of_fluid)),
+            when(given("inflow"), given("geometry.boundaries.inlet")),
+            when(given("outlet"), outlets),
             when(given("geometry.boundaries.supported"), given("support"), absent("support")),
             when(given("geometry.boundaries.loaded"), loads, absent("traction")),
         ]

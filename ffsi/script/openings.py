@@ -19,6 +19,7 @@ def has_openings(scene: Scene) -> bool:
 def openings(scene: Scene, outline: list[Boundary]) -> dict[str, Any]:
     """Return the macros of inlets and openings by name, and the profiles; nothing of scenes with one of each."""
     found: dict[str, Any] = {"inlets": {}, "openings": {}, "inlet_profiles": [], "inlet_factors": ""}
+    found["largest_velocity"] = "0."
     if scene.inlet:
         factors = ", ".join(f"abs({_factor(scene, name)})" for name in scene.inlet)
         found["inlet_factors"] = f"[{factors}]" if scene.time else ""

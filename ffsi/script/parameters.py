@@ -92,7 +92,7 @@ def units_of(scene: Scene, parameters: Sequence[Parameter]) -> dict[str, Any]:
         keys = [p for p in parameters if p.key.startswith("solid.") and p.limits.unit == "Pa" and p.key not in volumes]
         return found | {"unit_of_stiffness": _largest([p.variable for p in keys])}
     assert isinstance(geometry, ChannelGeometry)
-    height = geometry.inlet.height
+    height = geometry.reference_length if geometry.kind == "mesh" else geometry.inlet.height
     found["unit_of_size"] = repr(height) if geometry.kind == "mesh" else f"{height / geometry.size!r}*unitLength"
     of_fluid = [p for p in parameters if p.key.startswith("fluid.")]
     viscosities = [p.variable for p in of_fluid if p.limits.unit == "Pa s"]
@@ -101,7 +101,7 @@ def units_of(scene: Scene, parameters: Sequence[Parameter]) -> dict[str, Any]:
         for p in of_fluid
         if (term := {
             "Pa s": f"{p.variable}*unitVelocity/size",
-            "Pa": p.variable,
+            **({} if p.key == "fluid.mean_pressure" else {"Pa": p.variable}),
             _POWER_LAW: f"{p.variable}*(unitVelocity/size)^fluidExponent",
         }.get(p.limits.unit))
     ]  # fmt: skip

@@ -40,7 +40,7 @@ def _has_fluid(scene: Scene) -> bool:
 
 
 def _has_velocity_inlet(scene: Scene) -> bool:
-    return any(side.role == "inlet" for side in boundaries(scene)) if scene.inlet else _has_fluid(scene)
+    return {"inlet", "outlet"} <= {side.role for side in boundaries(scene)}
 
 
 def _has_whole_cylinder(scene: Scene) -> bool:

@@ -230,8 +230,8 @@ def _context(scene: Scene, mumps: bool) -> dict[str, Any]:
         needed |= {"restingLabels", "interfaceLabels", "wallLabels"}
     if _straight_inlets(scene, outline, 0) + _straight_inlets(scene, outline, 1):
         needed |= {"inletsAlongX", "inletsAlongY"}
-    if scene.inlet:
-        needed |= {"inletLabels"}
+    for name in ("inletLabels", "outletLabels", "throughLabels") if fluid else ():
+        labels[name] = labels[name] or [-1]  # on no labels at all FreeFEM integrates over every boundary
     return {
         "scene": scene,
         "mumps": mumps,
@@ -265,7 +265,7 @@ def _context(scene: Scene, mumps: bool) -> dict[str, Any]:
         "start": _start(scene),
         "initial_digest": scene.time.initial_state.digest if scene.time and scene.time.initial_state else "",
         "strut_label": STRUTS,
-        "inlet": scene.geometry.inlet if fluid and isinstance(scene.geometry, ChannelGeometry) else None,
+        "inlet": scene.geometry.inlet if scene.inflow and isinstance(scene.geometry, ChannelGeometry) else None,
         "fourier": scene.inflow and scene.inflow.fourier,
         "inflow_waveform": _waveform(scene),
         "theta_of_step": _THETA[scene.time.scheme] if scene.time else "",
@@ -326,6 +326,7 @@ def _structure(scene: Scene, *, parts: bool, varying: bool) -> list[str]:
         "hasBends": bends,
         "hasSlip": any(b.role == "slip" for b in boundaries(scene)),
         "hasInclinedSlip": any(b.label == SLIP for b in boundaries(scene)),
+        "hasMeanPressure": scene.level_is_given,
         "hasMovingWalls": scene.walls,
         "hasDisplacedWalls": any(wall.displaced for wall in scene.walls.values()),
         "hasLoads": scene.loads or scene.traction,
@@ -415,7 +416,7 @@ def _waveform(scene: Scene) -> str:
     if scene.inlet:
         return "LargestInletFactor(at)"
     if scene.inflow is None or _womersley(scene):
-        return "1"
+        return "1" if scene.inflow else "0"
     return "Waveform(at)" if scene.inflow.fourier else f"({scene.inflow.waveform_expression.to_freefem()})"
 
 

@@ -31,7 +31,8 @@ def moving_walls(scene: Scene, outline: list[Boundary]) -> dict[str, Any]:
         ]
     if scene.time:
         waves = [scene.walls[name].expression for name in names]
-        values["wallFactors"] = [f"Ramp(at)*({wave.to_freefem()})" if wave else "InflowFactor(at)" for wave in waves]
+        inflow = "InflowFactor(at)" if scene.inflow else "1."
+        values["wallFactors"] = [f"Ramp(at)*({wave.to_freefem()})" if wave else inflow for wave in waves]
     walls = [scene.walls[name] for name in names]
     place = {"x": "px", "y": "py"}
     displaced = [

@@ -185,8 +185,6 @@ class MeshGeometry(ChannelGeometry):
                 yield Problem(f"boundaries.{key}", text)
             if several and "fluid" not in self.regions:
                 yield Problem(f"{key}s", 'only accepted where geometry.regions has a "fluid"')
-            if "fluid" in self.regions and not given and not several:
-                yield Problem(f"boundaries.{key}", f"missing; {MeshBoundaries.model_fields[key].description}")
         of_openings = (("inlets", OUTLETS - INLETS), ("outlets", OUTLETS - INLETS))
         for key, most in (("moving", PARTS - MOVING), ("loads", MOVING - LOADS), *of_openings):
             if len(getattr(self, key)) > most:
@@ -262,6 +260,11 @@ class MeshGeometry(ChannelGeometry):
     def inlet(self) -> Inlet:
         """Where the fluid enters; the widest of several inlets."""
         return max(self._mesh.inlets.values(), key=lambda inlet: inlet.height)
+
+    @property
+    def reference_length(self) -> float:
+        """Length of the widest inlet, m, or without any of the domain's longer side."""
+        return self.inlet.height if self._mesh.inlets else float(np.ptp(self._mesh.vertices, axis=0).max())
 
     @property
     def named_inlets(self) -> dict[str, Inlet]:
