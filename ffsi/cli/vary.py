@@ -131,9 +131,9 @@ def read_study(path: Path) -> dict[str, Any] | None:
         sampled = "samples" in table
         table["vary"] = {
             key: parse_vary(f"{key}={values}", sampled=sampled)[1] if isinstance(values, str) else values
-            for key, values in _flat(table["vary"]).items()
+            for key, values in flat(table["vary"]).items()
         }
-    table["set"] = {key: None if value == "none" else value for key, value in _flat(table.get("set", {})).items()}
+    table["set"] = {key: None if value == "none" else value for key, value in flat(table.get("set", {})).items()}
     for key in ("scene", "points"):
         if key in table and (path.parent / table[key]).is_file():
             table[key] = str(path.parent / table[key])
@@ -143,15 +143,15 @@ def read_study(path: Path) -> dict[str, Any] | None:
 _TYPES = {Mapping: "a table of keys and values", int: "a whole number", str: "a text"}
 
 
-def _flat(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+def flat(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     """Return nested tables as one with dotted keys."""
-    flat: dict[str, Any] = {}
+    every: dict[str, Any] = {}
     for key, value in table.items():
-        found = _flat(value, f"{prefix}{key}.") if isinstance(value, Mapping) else {f"{prefix}{key}": value}
-        if twice := flat.keys() & found:
+        found = flat(value, f"{prefix}{key}.") if isinstance(value, Mapping) else {f"{prefix}{key}": value}
+        if twice := every.keys() & found:
             raise InputError(f"{min(twice)} comes twice")
-        flat |= found
-    return flat
+        every |= found
+    return every
 
 
 def _range(key: str, text: str, sampled: bool) -> list[Any]:

@@ -19,7 +19,7 @@ from ffsi.files.arrays import read_mesh, read_state
 from ffsi.hemodynamics.result import Result, load_result
 from ffsi.hemodynamics.walls import wall_labels, wall_points, wall_shear_stress
 from ffsi.scene import CASES as CATALOGUE
-from ffsi.scene import Aneurysm, Scene
+from ffsi.scene import Aneurysm, Scene, with_values
 from studies.harness import Place, Run, Study, run_all
 from studies.tables import Column, TextTable, columns, table
 from studies.verification import exact_flows as flows
@@ -159,21 +159,19 @@ class AneurysmVariant:
 
     def scene(self, level: int) -> Scene:
         """Return the scene on a mesh level, without the pictures of a run."""
-        table = CATALOGUE["aneurysm-pulsatile" if self.pulsatile else "aneurysm"].model_dump(exclude_none=True)
-        table["name"] = f"aneurysm-{self.name}"
-        table["mesh"]["level"] = level
-        table["output"] |= {"pictures": False, "vtu": False}
+        held = CATALOGUE["aneurysm-pulsatile"]
+        base = held if self.pulsatile else CATALOGUE["aneurysm"]
+        values: dict[str, Any] = {"mesh.level": level, "output.pictures": False, "output.vtu": False}
         if self.carreau:
-            table["fluid"] = CATALOGUE["aneurysm-carreau"].model_dump()["fluid"]
+            values["fluid"] = CATALOGUE["aneurysm-carreau"].model_dump()["fluid"]
         if self.held:
-            table["support"] = CATALOGUE["aneurysm-pulsatile"].model_dump()["support"]
-        if self.pulsatile:
-            # Twenty states per cycle: one of them is near the systole.
-            table["time"]["output_interval"] = table["inflow"]["period"] / 20
+            values["support"] = held.model_dump()["support"]
+        if self.pulsatile:  # twenty states per cycle: one of them is near the systole
+            assert base.inflow is not None and base.inflow.period is not None
+            values["time.output_interval"] = base.inflow.period / 20
         if not self.elastic:
-            for key in ("solid", "mesh_motion", "support"):
-                table.pop(key, None)
-        return Scene.model_validate(table)
+            values |= dict.fromkeys(("solid", "mesh_motion", "support"))
+        return with_values(base, values).model_copy(update={"name": f"aneurysm-{self.name}"})
 
 
 VARIANTS = tuple(AneurysmVariant(*kind) for kind in product((False, True), (True, False), (False, True)))

@@ -22,6 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
+from ffsi.cli.vary import flat
 from ffsi.files import folder
 from ffsi.files.errors import InputError
 from ffsi.freefem import FreeFEMNotFound, find_freefem
@@ -139,20 +140,13 @@ def load() -> tuple[dict[str, str], dict[str, Entry]]:
         titles[group] = table["title"]
         for name, own in table["scene"].items():
             values = {**table.get("default", {}), **own}
-            values |= {key: _flat(values.get(key, {})) for key in ("set", "vary")}
+            values |= {key: flat(values.get(key, {})) for key in ("set", "vary")}
             expect = tuple(Expectation(**item) for item in values.pop("expect", []))
             entries[f"{group}-{name}"] = Entry(id=f"{group}-{name}", expect=expect, **values)
     for entry in entries.values():
         if missing := [item.per for item in entry.expect if item.per and item.per not in entries]:
             raise ValueError(f"{entry.id} compares with {missing[0]}, which is not there")
     return titles, entries
-
-
-def _flat(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    found: dict[str, Any] = {}
-    for key, value in table.items():
-        found |= _flat(value, f"{prefix}{key}.") if isinstance(value, dict) else {f"{prefix}{key}": value}
-    return found
 
 
 def select(entries: Mapping[str, Entry], only: str | None = None) -> list[Entry]:
