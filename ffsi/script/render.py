@@ -222,8 +222,9 @@ def _context(scene: Scene, mumps: bool) -> dict[str, Any]:
         "partLabels": [b.label for b in parts],
         "loadLabels": _labels(outline, "loaded"),
         "supportedLabels": _labels(outline, "supported"),
+        **{f"solid{key.capitalize()}": [s[key] for s in solids] for key in ("region", "mixed", "incompressible")},
     }
-    needed = {"fixedDisplacement", "fixedVelocity"}  # even where they are empty
+    needed = {"fixedDisplacement", "fixedVelocity", "solidRegion", "solidMixed", "solidIncompressible"}  # even empty
     if _labels(outline, "slip"):
         needed |= {"slipAcrossX", "slipAcrossY"}
     if fluid:
