@@ -31,7 +31,7 @@ from ffsi.script.formula import with_formulas
 from ffsi.script.openings import has_openings, openings
 from ffsi.script.parameters import OF_CONSISTENCY, Parameter, units_of
 from ffsi.script.quantities import reported
-from ffsi.script.walls import is_fixed, moving_walls, named_loads
+from ffsi.script.walls import held_sides, is_fixed, is_held, moving_walls, named_loads
 
 _MESH_ALONE = """BuildMesh(meshLevel);
 CheckMesh();
@@ -221,7 +221,7 @@ def _context(scene: Scene, mumps: bool) -> dict[str, Any]:
         "wallLabels": _labels(outline, "no-slip", "interface"),
         "partLabels": [b.label for b in parts],
         "loadLabels": _labels(outline, "loaded"),
-        "supportedLabels": _labels(outline, "supported"),
+        "heldLabels": [b.label for b in outline if is_held(scene, b)],
         **{f"solid{key.capitalize()}": [s[key] for s in solids] for key in ("region", "mixed", "incompressible")},
     }
     needed = {"fixedDisplacement", "fixedVelocity", "solidRegion", "solidMixed", "solidIncompressible"}  # even empty
@@ -261,6 +261,7 @@ def _context(scene: Scene, mumps: bool) -> dict[str, Any]:
         "parts": parts,
         **moving_walls(scene, outline),
         **named_loads(scene, outline),
+        "held": held_sides(scene, outline),
         **openings(scene, outline),
         "outlet_tables": [("", scene.only_outlet)] if scene.only_outlet else list(scene.outlets.items()),
         "start": _start(scene),
@@ -303,8 +304,6 @@ def _structure(scene: Scene, *, parts: bool, varying: bool) -> list[str]:
     pressed_inlets = any(inlet.pressure is not None for inlet in scene.inlet.values())
     pressed = outlet is not None and outlet.has_pressure and not pressed_inlets
     coupled, motion = scene.mesh_moves, scene.mesh_motion
-    held = any(b.role == "supported" for b in boundaries(scene))
-    springs = any(load.springs for load in scene.loads.values())
     bends = any(b.circle and b.role == "no-slip" for b in boundaries(scene))
     found = {
         "inTime": time,
@@ -323,7 +322,6 @@ def _structure(scene: Scene, *, parts: bool, varying: bool) -> list[str]:
         "isNewtonian": fluid and fluid.law == "newtonian",
         "hasGravity": scene.gravity,
         "hasSolidWeight": scene.gravity and solid,
-        "hasSupport": held,
         "hasBends": bends,
         "hasSlip": any(b.role == "slip" for b in boundaries(scene)),
         "hasInclinedSlip": any(b.label == SLIP for b in boundaries(scene)),
@@ -331,8 +329,7 @@ def _structure(scene: Scene, *, parts: bool, varying: bool) -> list[str]:
         "hasMovingWalls": scene.walls,
         "hasDisplacedWalls": any(wall.displaced for wall in scene.walls.values()),
         "hasLoads": scene.loads or scene.traction,
-        "hasSprings": springs,
-        "isHeld": springs and not held,
+        "isHeld": any(is_held(scene, b) for b in boundaries(scene)),
         "hasGivenBends": bends and not coupled,
         "hasParts": parts,
         "hasNamedInlets": scene.inlet,

@@ -71,18 +71,32 @@ def named_loads(scene: Scene, outline: list[Boundary]) -> dict[str, Any]:
         values[f"load{camel(key)}"] = [
             one if name else variable for name, one in zip(names, values[f"load{camel(key)}"], strict=True)
         ]
-    if any(name and scene.loads[name].springs for name in names):
-        values |= {
-            f"load{camel(key)}": [
-                variable if name and getattr(scene.loads[name], key) is not None else "0."
-                for name, variable in zip(names, variables("loads", names, key), strict=True)
-            ]
-            for key in ("stiffness", "damping")
-        }
     if scene.time:
         waves = [scene.loads[name].expression.to_freefem() if name else "1." for name in names]
         values["loadWaveforms"] = [f"({wave})" for wave in waves]
     return {"loads": arrays(values), "load_follows": [bool(name) and scene.loads[name].following for name in names]}
+
+
+def is_held(scene: Scene, side: Boundary) -> bool:
+    """Return whether a side is held by springs: the scene's support, or those of a load."""
+    return side.role == "supported" or bool(side.load and scene.loads[side.load].springs)
+
+
+def held_sides(scene: Scene, outline: list[Boundary]) -> dict[str, str]:
+    """Return the macros of the springs that hold sides; nothing without any."""
+    held = [side.load or "" for side in outline if is_held(scene, side)]
+    values = {
+        f"held{camel(key)}": [
+            f"support{camel(key)}"
+            if not name
+            else "0."
+            if getattr(scene.loads[name], key) is None
+            else f"loads{camel(name)}{camel(key)}"
+            for name in held
+        ]
+        for key in ("stiffness", "damping")
+    }
+    return arrays(values) if held else {}
 
 
 def camel(key: str) -> str:
