@@ -208,6 +208,7 @@ def _context(scene: Scene, mumps: bool) -> dict[str, Any]:
         "slipAcrossX": [b.label for b in outline if b.label == SLIP_X],
         "slipAcrossY": [b.label for b in outline if b.label == SLIP_Y],
         "slipInclined": [b.label for b in outline if b.label == SLIP],
+        "circleLabels": [b.label for b in outline if b.circle],
         "bentLabels": [b.label for b in outline if b.circle and b.role == "no-slip"],
         "inletLabels": _labels(outline, "inlet"),
         "outletLabels": _labels(outline, "outlet"),
@@ -224,7 +225,8 @@ def _context(scene: Scene, mumps: bool) -> dict[str, Any]:
         "heldLabels": [b.label for b in outline if is_held(scene, b)],
         **{f"solid{key.capitalize()}": [s[key] for s in solids] for key in ("region", "mixed", "incompressible")},
     }
-    needed = {"fixedDisplacement", "fixedVelocity", "solidRegion", "solidMixed", "solidIncompressible"}  # even empty
+    needed = {"fixedDisplacement", "fixedVelocity", "circleLabels"}  # even where they are empty
+    needed |= {"solidRegion", "solidMixed", "solidIncompressible"}
     if _labels(outline, "slip"):
         needed |= {"slipAcrossX", "slipAcrossY"}
     if fluid:
