@@ -70,7 +70,7 @@ MUTATIONS = {
     "Mooney-Rivlin, I1": (MOONEY, "factor *= -2./3.;", "factor *= 2./3.;"),
     "Mooney-Rivlin, I2": (MOONEY, "square *= -4./3.;", "square *= 4./3.;"),
     "Mooney-Rivlin, volume": (MOONEY, "work *= K; factor += work;", "work *= K; factor -= work;"),
-    "curved boundary": (CFD1, "bendX += bx;", "bendX -= bx;"),
+    "curved boundary": (CFD1, "bendY.resize(N2);", "bendX *= -1; bendY.resize(N2);"),
     "drag": (CFD1, "forceX = -(", "forceX = +("),
     "wall beside the flap": (SVK, "indicator - restY)", "indicator + restY)"),
     "pressure": (channel(PRESSURE), *(f"= {sign}OutflowPressure(FlowRate(X));\n  WriteRaw" for sign in ("", "-"))),

@@ -93,8 +93,8 @@ WRONG = [
     ("edp/lib/solid-step.idp", "mean(:, r+i).*change(:, r+j)", "mean(:, r+j).*change(:, r+i)"),
     ("edp/lib/start-of-step.idp", "AddProduct(massDamping, 1-timeTheta", "AddProduct(massDamping, timeTheta"),
     ("edp/lib/start-of-step.idp", "AddProduct(dampers, 1-timeTheta", "AddProduct(dampers, timeTheta-1"),
-    ("edp/lib/constant-rows.idp", "d = damping[j];", "d = -damping[j];"),
-    ("edp/lib/constant-rows.idp", "s = stiffness[j],", "s = -stiffness[j],"),
+    ("edp/lib/constant-rows.idp", "= damping[j];", "= -damping[j];"),
+    ("edp/lib/constant-rows.idp", "= stiffness[j];", "= -stiffness[j];"),
 ]
 DAMPED = [
     "loads.surface.stiffness=1e4",
