@@ -124,6 +124,15 @@ class Load:
     held: Support | None = None
 
 
+@dataclass(frozen=True)
+class PointForce:
+    """A dead ``force`` (2,), N per metre depth, on a solid's material ``point`` (2,), m, times a ``factor`` of time."""
+
+    point: tuple[float, float]
+    force: tuple[float, float]
+    factor: Callable[[float], float]
+
+
 # Waveforms ---------------------------------------------------------------------------------------------------------
 
 

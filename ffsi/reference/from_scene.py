@@ -9,7 +9,7 @@ import numpy as np
 
 from ffsi.files.arrays import Floats
 from ffsi.reference import materials, viscosity
-from ffsi.reference.conditions import Inflow, Load, Outlet, Series, Support, womersley
+from ffsi.reference.conditions import Inflow, Load, Outlet, PointForce, Series, Support, womersley
 from ffsi.reference.problem import FLUID_REGION, Boundary, Fluid, MeshMotion, Problem, Solid
 from ffsi.reference.step import Step
 from ffsi.scene import Scene, boundaries
@@ -106,6 +106,7 @@ def problem_from_scene(scene: Scene) -> Problem:
         mesh_motion=MeshMotion(m.stiffness_exponent, m.divergence_weight, m.kind, m.distance_exponent)
         if (m := scene.mesh_motion)
         else None,
+        point_forces=tuple(map(_point_force, scene.point_forces.values())),
         mean_velocity=scene.mean_velocity,
         mean_pressure=scene.fluid.mean_pressure if scene.fluid else None,
         reference_length=scene.forces.reference_length if scene.forces else None,
@@ -235,6 +236,11 @@ def _load(scene: Scene, name: str | None) -> Load | None:
         lambda time: float(wave.evaluate(t=time)),
         Support(load.stiffness or 0.0, load.damping or 0.0) if load.springs else None,
     )
+
+
+def _point_force(acting: Any) -> PointForce:
+    wave = acting.expression
+    return PointForce((acting.x, acting.y), (acting.force_x, acting.force_y), lambda time: float(wave.evaluate(t=time)))
 
 
 def _wall_factor(scene: Scene, name: str) -> Callable[[float], float]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal, get_args
 
 from ffsi.files.arrays import Floats
-from ffsi.reference.conditions import Inflow, Load, Outlet, Support
+from ffsi.reference.conditions import Inflow, Load, Outlet, PointForce, Support
 from ffsi.reference.materials import Material, SplitMaterial
 from ffsi.reference.mesh_motion import MOTIONS
 from ffsi.reference.viscosity import Viscosity
@@ -123,6 +123,7 @@ class Problem:
 
     ``solids`` by region number (2, 3, ...); ``gravity`` m/s2; ``traction`` the dead load on boundaries with the role
     loaded, Pa per reference length; ``support`` what holds boundaries with the role supported;
+    ``point_forces`` act on solids;
     ``mean_velocity`` and ``reference_length`` scale the force coefficients; ``mean_pressure``, Pa, is that of a closed
     fluid, whose pressure nothing else gives a level; ``names`` of the solids by region;
     ``points`` by name, where the displacement is reported, reference coordinates in m; ``manufactured`` is for tests.
@@ -140,6 +141,7 @@ class Problem:
     inflow: Inflow | None = None
     outlet: Outlet | None = None
     mesh_motion: MeshMotion | None = None
+    point_forces: tuple[PointForce, ...] = ()
     mean_velocity: float | None = None
     mean_pressure: float | None = None
     reference_length: float | None = None

@@ -12,12 +12,12 @@ import numpy as np
 
 from ffsi.files.arrays import Floats, RawState
 from ffsi.reference import momentum, terms
-from ffsi.reference.elements import Elements, p2_basis
+from ffsi.reference.elements import Elements
 from ffsi.reference.forces import Forces, coefficient_scale
 from ffsi.reference.materials import IDENTITY, determinant, double_dot
 from ffsi.reference.relative import relative
 from ffsi.reference.sizes import momentum_sizes
-from ffsi.reference.system import System
+from ffsi.reference.system import System, place_in_solids
 
 # Part of its size below which a quantity is rounding: times the tolerance, 1e-8, some rounding errors.
 _ROUNDING = 1e-7
@@ -136,24 +136,10 @@ def _displacements(system: System, state: RawState) -> dict[str, Quantity]:
     """Displacement at the points that the problem names, in m."""
     size, found = float(np.abs(state.u).max()), {}
     for name, point in system.problem.points.items():
-        displacement = _in_solids(system, state.u, point)
+        nodes, basis = place_in_solids(system, point)
+        displacement = basis @ state.u[nodes]
         for component, value in zip(_COMPONENTS, displacement.tolist(), strict=True):
             found[f"{name}_u{component}"] = Quantity.of(value, size, _IN_A_TRIANGLE)
-    return found
-
-
-def _in_solids(system: System, values: Floats, point: tuple[float, float]) -> Floats:
-    """Values (n2, 2) at a point of the solids, or as near to it as one of their triangles is."""
-    best, found = -np.inf, np.zeros(2)
-    for solid in system.solids.values():
-        elements = solid.elements
-        offset = np.array(point) - system.mesh.vertices[elements.vertices[:, 0]]
-        unit = np.einsum("nij,nj->ni", elements.inverse, offset)
-        inside = np.min([unit[:, 0], unit[:, 1], 1.0 - unit.sum(axis=1)], axis=0)
-        triangle = int(inside.argmax())
-        if inside[triangle] > best:
-            best = inside[triangle]
-            found = p2_basis(unit[[triangle]])[0] @ values[elements.nodes[triangle]]
     return found
 
 

@@ -23,7 +23,7 @@ from ffsi.reference.sizes import (
     spread,
 )
 from ffsi.reference.slip import along
-from ffsi.reference.system import FluidPart, Mask, Sides, System
+from ffsi.reference.system import FluidPart, Mask, Sides, System, place_in_solids
 
 OUTLET = "outlet pressure"
 
@@ -189,6 +189,12 @@ def _loads(system: System, state: RawState) -> dict[str, Floats]:
     for acting, sides in system.loaded:
         local = momentum.load(system, acting, sides, state.u[sides.nodes])
         loads["traction"] = loads["traction"] + scatter(local, sides.nodes, system.mesh.n_p2)
+    for force in system.problem.point_forces:
+        nodes, basis = place_in_solids(system, force.point)
+        factor = 1.0 if system.increment is None else force.factor(system.increment.step.between)
+        here = np.zeros((system.mesh.n_p2, 2))
+        here[nodes] = -factor * basis[:, None] * np.array(force.force)
+        loads["traction"] = loads.get("traction", 0.0) + here
     if system.problem.manufactured is not None:
         loads["source"] = system.problem.manufactured.force(system)
     return loads

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from ffsi.files.arrays import Floats, Ints, RawMesh, RawState
 from ffsi.reference.conditions import Inflow, Load, Outlet
-from ffsi.reference.elements import Elements, gauss_rule
+from ffsi.reference.elements import Elements, gauss_rule, p2_basis
 from ffsi.reference.problem import FLUID_REGION, Boundary, Fluid, MeshMotion, Problem, Solid
 from ffsi.reference.slip import node_normals
 from ffsi.reference.step import Increment, Step
@@ -332,3 +332,21 @@ def _check_circle(name: str, circle: tuple[float, float, float], points: Floats)
     distance = np.hypot(*(points - np.array(centre)).reshape(-1, 2).T)
     if not (off := np.abs(distance / radius - 1.0).max()) <= 1e-8:
         raise ValueError(f"{name}: a vertex is {off:.1e} radii off the circle {circle}")
+
+
+def place_in_solids(system: System, point: tuple[float, float]) -> tuple[Ints, Floats]:
+    """Return the P2 nodes (6,) of the triangle in which, or nearest to which, a point of the solids lies; their values.
+
+    The second array (6,) are the basis functions at the point.
+    """
+    best, found = -np.inf, (np.zeros(0, dtype=np.int64), np.zeros(0))
+    for solid in system.solids.values():
+        elements = solid.elements
+        offset = np.array(point) - system.mesh.vertices[elements.vertices[:, 0]]
+        unit = np.einsum("nij,nj->ni", elements.inverse, offset)
+        inside = np.min([unit[:, 0], unit[:, 1], 1.0 - unit.sum(axis=1)], axis=0)
+        triangle = int(inside.argmax())
+        if inside[triangle] > best:
+            best = inside[triangle]
+            found = elements.nodes[triangle], p2_basis(unit[[triangle]])[0]
+    return found

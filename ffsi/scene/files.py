@@ -119,7 +119,8 @@ def _located(table: dict[str, Any], folder: Path) -> dict[str, Any]:
     for name, key in _FILES:
         if name in table:
             table = {**table, name: located(table[name], key)}
-    for tables, key in (("inlet", "waveform_file"), ("inlet", "profile_file"), ("loads", "waveform_file")):
+    driven = [(tables, "waveform_file") for tables in ("inlet", "loads", "point_forces")]
+    for tables, key in (*driven, ("inlet", "profile_file")):
         if isinstance(found := table.get(tables), dict):
             table = {**table, tables: {name: located(inner, key) for name, inner in found.items()}}
     return table

@@ -13,28 +13,15 @@ from ffsi.scene.expressions import Expression
 from ffsi.scene.geometry import GeometryBase, MeshGeometry
 from ffsi.scene.samples import Samples, samples_of
 from ffsi.scene.time import Time
-from ffsi.scene.units import FoundationDamping, FoundationStiffness, Stress
+from ffsi.scene.units import Coordinate, FoundationDamping, FoundationStiffness, LineForce, Stress
 from ffsi.scene.walls import TIME, readable
 
 WAVES = ("waveform", "waveform_file", "waveform_samples")
 
 
-class Load(Table):
-    """Traction and pressure on a boundary of a solid, in time times the waveform; spring and damper that hold it."""
+class Driven(Table):
+    """What acts on a solid, in time times a waveform."""
 
-    traction_x: Stress = Field(0.0, description="x component of the dead traction, per reference length, Pa")
-    traction_y: Stress = Field(0.0, description="y component of the dead traction, per reference length, Pa")
-    pressure: Stress = Field(0.0, description="pressure on the boundary, against its outward normal, Pa")
-    stiffness: FoundationStiffness | None = Field(
-        None, description="of a spring against the displacement, per reference length, Pa/m"
-    )
-    damping: FoundationDamping | None = Field(
-        None, description="of a damper against the velocity, per reference length, needs a table time, Pa s/m"
-    )
-    following: StrictBool = Field(
-        True,
-        description="whether the pressure follows the surface, its normal and its length (true or false)",
-    )
     waveform: str | None = Field(
         None, description="dimensionless formula in t (s), a factor on the load, 1 if absent; needs a table time"
     )
@@ -58,16 +45,43 @@ class Load(Table):
         return self
 
     @property
-    def springs(self) -> bool:
-        """Whether a spring or a damper holds the boundary."""
-        return self.stiffness is not None or self.damping is not None
-
-    @property
     def expression(self) -> Expression:
         """The waveform as a formula in t (s), dimensionless."""
         if self.waveform_samples is not None:
             return self.waveform_samples.expression(*TIME)
         return Expression.parse("1" if self.waveform is None else self.waveform, TIME)
+
+
+class Load(Driven):
+    """Traction and pressure on a boundary of a solid, in time times the waveform; spring and damper that hold it."""
+
+    traction_x: Stress = Field(0.0, description="x component of the dead traction, per reference length, Pa")
+    traction_y: Stress = Field(0.0, description="y component of the dead traction, per reference length, Pa")
+    pressure: Stress = Field(0.0, description="pressure on the boundary, against its outward normal, Pa")
+    stiffness: FoundationStiffness | None = Field(
+        None, description="of a spring against the displacement, per reference length, Pa/m"
+    )
+    damping: FoundationDamping | None = Field(
+        None, description="of a damper against the velocity, per reference length, needs a table time, Pa s/m"
+    )
+    following: StrictBool = Field(
+        True,
+        description="whether the pressure follows the surface, its normal and its length (true or false)",
+    )
+
+    @property
+    def springs(self) -> bool:
+        """Whether a spring or a damper holds the boundary."""
+        return self.stiffness is not None or self.damping is not None
+
+
+class PointForce(Driven):
+    """A dead force at a point of a solid, in time times the waveform; under it u has no limit on finer meshes."""
+
+    x: Coordinate = Field(description="x of the point, on the reference domain, in or on a solid, m")
+    y: Coordinate = Field(description="y of the point, m")
+    force_x: LineForce = Field(0.0, description="x component of the force, per metre of depth, N/m")
+    force_y: LineForce = Field(0.0, description="y component of the force, per metre of depth, N/m")
 
 
 def load_problems(
@@ -83,14 +97,31 @@ def load_problems(
             accepted = f"accepted: {names(known)}" if known else "the scene has none"
             text = f"no boundary of a solid that can be loaded{hint}; {accepted}"
             yield Problem(f"loads.{name}", text, None, nearest(name, known))
-        elif time is None and (given := [key for key in (*WAVES, "damping") if getattr(load, key) is not None]):
-            text = "only accepted in a scene with a table time (time.step and time.end)"
-            yield Problem(f"loads.{name}.{given[0]}", text)
-        elif time is not None:
-            t = np.linspace(0.0, time.end, 2001)
-            if (bad := t[~np.isfinite(load.expression.evaluate(t=t))]).size:
-                text = f"not finite at t = {bad[0]:.4g} s; accepted: a formula that is defined for t from 0 to time.end"
-                yield Problem(f"loads.{name}.waveform", text, short(load.waveform))
+        else:
+            yield from _driven_problems(load, f"loads.{name}", time)
     for name in known if own else ():
         if name not in loads:
             yield Problem(f"loads.{name}", "missing; geometry.loads names a boundary with a load")
+
+
+def point_force_problems(
+    forces: Mapping[str, PointForce], geometry: GeometryBase, time: Time | None
+) -> Iterator[Problem]:
+    """Yield what is wrong with the point forces of a scene; keys are those of the scene."""
+    for name, force in forces.items():
+        if not isinstance(geometry, MeshGeometry) or not geometry.solid_names:
+            yield Problem(f"point_forces.{name}", 'only accepted with geometry.kind = "mesh", in a solid')
+            continue
+        yield from geometry.outside_solids(f"point_forces.{name}", force.x, force.y)
+        yield from _driven_problems(force, f"point_forces.{name}", time)
+
+
+def _driven_problems(load: Driven, key: str, time: Time | None) -> Iterator[Problem]:
+    given = [name for name in (*WAVES, "damping") if getattr(load, name, None) is not None]
+    if time is None and given:
+        yield Problem(f"{key}.{given[0]}", "only accepted in a scene with a table time (time.step and time.end)")
+    elif time is not None:
+        t = np.linspace(0.0, time.end, 2001)
+        if (bad := t[~np.isfinite(load.expression.evaluate(t=t))]).size:
+            text = f"not finite at t = {bad[0]:.4g} s; accepted: a formula that is defined for t from 0 to time.end"
+            yield Problem(f"{key}.waveform", text, short(load.waveform))

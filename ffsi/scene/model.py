@@ -19,7 +19,7 @@ from ffsi.scene.flow import WOMERSLEY, Forces, Inflow, Inlet, with_mean_velocity
 from ffsi.scene.fluids import Fluid, PowerLaw
 from ffsi.scene.geometry import ChannelGeometry, FlapChannel, Geometry, GeometryBase, MeshGeometry, Physics
 from ffsi.scene.listing import rows
-from ffsi.scene.loads import Load, load_problems
+from ffsi.scene.loads import Load, PointForce, load_problems, point_force_problems
 from ffsi.scene.materials import Solid
 from ffsi.scene.numerics import SIZES, Mesh, MeshMotion, Output, Solver
 from ffsi.scene.openings import closed_problems, inflow_problems, opening_problems, with_mean_velocities
@@ -101,6 +101,9 @@ class Scene(Table):
     loads: dict[str, Load] = Field(
         default_factory=dict, description="loads on boundaries of solids, by name, besides those of `traction`"
     )
+    point_forces: dict[str, PointForce] = Field(
+        default_factory=dict, description="forces at points of solids in a mesh from a file, by name"
+    )
     support: Support | None = Field(
         None, description="elastic support of the outer sides of walls, stiffness in Pa/m, damping in Pa s/m"
     )
@@ -171,6 +174,7 @@ class Scene(Table):
         outline = self.geometry.outline(self.physics)
         problems = [
             load_problems(self.loads, self.geometry, outline, self.time, self.support is not None),
+            point_force_problems(self.point_forces, self.geometry, self.time),
             self._physics_problems(),
             self._load_problems(),
             self._mesh_problems(),

@@ -31,6 +31,7 @@ def rules() -> Rule:
             some(given("fluid"), SOLIDS),
             *(when(given(table), given("fluid")) for table in OF_FLUID),
             when(given("mesh_motion"), SOLIDS),
+            when(at("point_forces", {"minProperties": 1}), every([SOLIDS, equals("geometry.kind", "mesh")])),
             when(equals("outlet.hydrostatic", True), given("gravity")),
             when(at("walls", {"minProperties": 1}), given("fluid")),
             when(given("mesh.root_size"), equals("geometry.kind", "flap-channel")),

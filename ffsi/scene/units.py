@@ -38,6 +38,7 @@ _EXAMPLES = {
     "kg/m^3": "1 g/cm^3",
     "Pa s": "3.5 mPa s",
     "Pa": "0.5 MPa",
+    "N/m": "2 N/mm",
     "m^2/s": "1 cm^2/s",
     "Pa s/m^2": "2 kPa s/m^2",
     "m^2/Pa": "3 mm^2/kPa",
@@ -257,6 +258,7 @@ Consistency = Annotated[float, Quantity("Pa s^m", above=0.0)]
 Modulus = Annotated[float, Quantity("Pa", above=0.0)]
 NonNegativeModulus = Annotated[float, Quantity("Pa", at_least=0.0)]
 Stress = Annotated[float, Quantity("Pa")]
+LineForce = Annotated[float, Quantity("N/m")]
 Duration = Annotated[float, Quantity("s", above=0.0)]
 SquaredTime = Annotated[float, Quantity("s^2", above=0.0)]
 Rate = Annotated[float, Quantity("1/s", at_least=0.0)]

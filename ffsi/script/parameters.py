@@ -14,7 +14,7 @@ from ffsi.scene import Scene
 from ffsi.scene.geometry import ChannelGeometry
 from ffsi.scene.units import Quantity
 
-_POWERS = {"m": (1, 0, 0), "kg": (0, 1, 0), "s": (0, 0, 1), "Pa": (-1, 1, -2), "1": (0, 0, 0)}
+_POWERS = {"m": (1, 0, 0), "kg": (0, 1, 0), "s": (0, 0, 1), "Pa": (-1, 1, -2), "N": (1, 1, -2), "1": (0, 0, 0)}
 _POWER_LAW = "Pa s^m"
 _FASTEST = "1e4"  # the Reynolds number of what gravity or a pressure may drive, as a unit
 OF_CONSISTENCY = "UnitOfConsistency()"
@@ -111,6 +111,7 @@ def units_of(scene: Scene, parameters: Sequence[Parameter]) -> dict[str, Any]:
         for p in parameters
         if p.limits.unit == "Pa" and not p.key.startswith(("fluid.", "solid."))
     ]  # fmt: skip
+    drives += [f"abs({p.variable})/size" for p in parameters if p.limits.unit == "N/m"]
     if scene.gravity:
         drives.append("fluidDensity*sqrt(gravityX^2+gravityY^2)*size")
     if drives and viscosities:

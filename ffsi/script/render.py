@@ -229,6 +229,8 @@ def _context(scene: Scene, mumps: bool) -> dict[str, Any]:
     needed |= {"solidRegion", "solidMixed", "solidIncompressible"}
     if _labels(outline, "slip"):
         needed |= {"slipAcrossX", "slipAcrossY"}
+    if scene.point_forces:
+        needed |= {"loadLabels"}
     if fluid:
         needed |= {"restingLabels", "interfaceLabels", "wallLabels"}
     if _straight_inlets(scene, outline, 0) + _straight_inlets(scene, outline, 1):
@@ -330,7 +332,8 @@ def _structure(scene: Scene, *, parts: bool, varying: bool) -> list[str]:
         "hasMeanPressure": scene.level_is_given,
         "hasMovingWalls": scene.walls,
         "hasDisplacedWalls": any(wall.displaced for wall in scene.walls.values()),
-        "hasLoads": scene.loads or scene.traction,
+        "hasLoads": scene.loads or scene.traction or scene.point_forces,
+        "hasPointForces": scene.point_forces,
         "isHeld": any(is_held(scene, b) for b in boundaries(scene)),
         "hasGivenBends": bends and not coupled,
         "hasParts": parts,
@@ -380,7 +383,8 @@ def _machinery(scene: Scene) -> list[str]:
         follow = ["following-mesh"] if scene.mesh_motion and not scene.mesh_motion.law.linear else []
         last = [*first, "energy", "start-of-step", *follow, "condensed", *start, "step-forces", *wall]
         last += ["time-steps", "checkpoints", "failure-in-time", "main-in-time"]
-    flow = [*(["loads"] if scene.loads or scene.traction else []), *(["outlet"] if special else [])]
+    loaded = scene.loads or scene.traction or scene.point_forces
+    flow = [*(["loads"] if loaded else []), *(["outlet"] if special else [])]
     flow += ["openings"] if has_openings(scene) else []
     flow += ["constant-rows", "residual", "jacobian", "newton", *(["forces"] if scene.fluid else [])]
     return [*flow, "output", "evidence", *last]

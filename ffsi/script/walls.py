@@ -58,23 +58,33 @@ def moving_walls(scene: Scene, outline: list[Boundary]) -> dict[str, Any]:
 
 def is_fixed(key: str, value: float) -> bool:
     """Return whether a number is none that a script can vary: another one would let a wall move through itself."""
+    if key.startswith("point_forces."):
+        return key.endswith((".x", ".y"))
     return key.startswith("walls.") and (value == 0 or key.endswith((".centre_x", ".centre_y")))
 
 
 def named_loads(scene: Scene, outline: list[Boundary]) -> dict[str, Any]:
     """Return the macros of the loads by name, and which of their pressures follow the surface; nothing without any."""
     names = [side.load or "" for side in outline if side.role == "loaded"]  # "": the scene's traction
-    if not names:
+    points = list(scene.point_forces)  # behind the boundaries
+    if not names and not points:
         return {"loads": {}}
     values = {f"load{camel(key)}": variables("loads", names, key) for key in _LOAD}
     for key, variable in zip(_LOAD, ("tractionX", "tractionY", "0."), strict=True):
         values[f"load{camel(key)}"] = [
             one if name else variable for name, one in zip(names, values[f"load{camel(key)}"], strict=True)
         ]
+    for axis in "xy" if points else "":
+        values[f"loadTraction{axis.upper()}"] += variables("pointForces", points, f"force_{axis}")
+        places = [getattr(scene.point_forces[name], axis) for name in points]
+        values[f"loadPoint{axis.upper()}"] = [f"{place!r}/unitLength" for place in places]
+    values["loadPressure"] += ["0."] * len(points)
     if scene.time:
         waves = [scene.loads[name].expression.to_freefem() if name else "1." for name in names]
+        waves += [scene.point_forces[name].expression.to_freefem() for name in points]
         values["loadWaveforms"] = [f"({wave})" for wave in waves]
-    return {"loads": arrays(values), "load_follows": [bool(name) and scene.loads[name].following for name in names]}
+    follows = [bool(name) and scene.loads[name].following for name in names]
+    return {"loads": arrays(values), "load_follows": follows + [False] * len(points)}
 
 
 def is_held(scene: Scene, side: Boundary) -> bool:

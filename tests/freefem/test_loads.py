@@ -142,6 +142,65 @@ def test_a_plate_that_is_pulled(material, plane, tmp_path):
     np.testing.assert_allclose(displacement(result), x * [along, across], rtol=0, atol=1e-9)
 
 
+def forced(folder, forces: dict, **tables) -> Scene:
+    """The same block with forces at points alone."""
+    scene = block(folder, time="time" in tables, pressure=0)
+    geometry = {**scene.geometry.model_dump(exclude_none=True), "loads": {}}
+    table = {**scene.model_dump(exclude_none=True), "geometry": geometry, "loads": {}, "point_forces": forces}
+    return Scene.model_validate({**table, **tables})
+
+
+@pytest.mark.parametrize("time", [False, True])
+def test_forces_at_all_nodes_of_a_side_are_a_traction(time, tmp_path):
+    """With the weights of Simpson's rule."""
+    wave = {"waveform": "sin(9*t)"} if time else {}
+    pulled = solve(block(tmp_path, time=time, traction_x=0.4, traction_y=-0.1, **wave), tmp_path / "traction")
+    weights = np.array([1, 4, 2, 4, 2, 4, 2, 4, 1]) / 24
+    forces = {
+        f"n{i}": {"x": 1.0, "y": y, "force_x": 0.4 * w, "force_y": -0.1 * w, **wave}
+        for i, (y, w) in enumerate(zip(np.linspace(0, 1, 9).tolist(), weights.tolist(), strict=True))
+    }
+    steps = {"time": pulled.scene.time.model_dump(exclude_none=True)} if time else {}
+    result = solve(forced(tmp_path, forces, **steps), tmp_path / "forces")
+    assert pulled.checked and result.checked, result.reason
+    size = np.abs(displacement(pulled)).max()
+    np.testing.assert_allclose(displacement(result), displacement(pulled), rtol=0, atol=1e-8 * size)
+    assert size > 1e-3 and load_scene(tmp_path / "forces/scene.toml") == result.scene
+
+
+INSIDE = {"push": {"x": 0.61, "y": 0.37, "force_x": 1.0, "force_y": 2.0}}
+
+
+def test_a_force_inside_of_an_element_is_checked(tmp_path):
+    assert solve(forced(tmp_path, INSIDE), tmp_path / "run").checked
+
+
+@pytest.mark.parametrize("place", ["x", "y"])
+def test_a_force_at_a_wrong_place_is_caught(place, tmp_path, broken_script):
+    name = f"loadPoint{place.upper()}() [0."
+    broken_script(name, name + "1*")
+    result = solve(forced(tmp_path, INSIDE), tmp_path / "run")
+    assert not result.checked and "momentum" in result.reason
+
+
+def test_a_force_in_another_direction_is_caught(tmp_path, broken_script):
+    broken_script("loadForceX += loadPart; loadPart = p", "loadForceX -= loadPart; loadPart = p")
+    assert "momentum" in solve(forced(tmp_path, INSIDE), tmp_path / "run").reason
+
+
+OUTSIDE = [
+    ({"x": 1.2, "y": 0.5}, r"point_forces\.push = \(1\.2, 0\.5\) m: must lie in a solid; the solids lie in x from 0"),
+    ({"x": 0.5, "y": 0.5, "waveform": "t"}, r"point_forces\.push\.waveform: only accepted in a scene with a table"),
+    ({"x": 0.5, "y": 0.5, "force_x": "2 Pa"}, r"point_forces\.push\.force_x = .2 Pa"),
+]
+
+
+@pytest.mark.parametrize(("force", "text"), OUTSIDE)
+def test_forces_that_are_refused(force, text, tmp_path):
+    with pytest.raises(SceneError, match=text):
+        forced(tmp_path, {"push": force})
+
+
 # A wrong sign does not pass.
 WRONG = {
     "steady": ("m = -1.*m; AddBlock(m, fieldFrom[momentumY], uxFrom, tested);",

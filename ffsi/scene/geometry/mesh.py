@@ -200,9 +200,13 @@ class MeshGeometry(ChannelGeometry):
     def _point_problems(self) -> Iterator[Problem]:
         named = {"tip": self.tip} if self.tip else {}
         for key, point in {**named, **{join("probes", name): point for name, point in self.probes.items()}}.items():
-            if not self._mesh.in_solid((point.x, point.y)):
-                text = f"must lie in a solid; the solids lie in {self._mesh.solids_reach}"
-                yield Problem(key, text, f"({number_text(point.x)}, {number_text(point.y)}) m")
+            yield from self.outside_solids(key, point.x, point.y)
+
+    def outside_solids(self, key: str, x: float, y: float) -> Iterator[Problem]:
+        """Yield the problem of a point, m, that lies in no solid."""
+        if not self._mesh.in_solid((x, y)):
+            text = f"must lie in a solid; the solids lie in {self._mesh.solids_reach}"
+            yield Problem(key, text, f"({number_text(x)}, {number_text(y)}) m")
 
     @property
     def _naming(self) -> Naming:
