@@ -16,11 +16,11 @@ from ffsi.files.steps import read_saved_steps
 
 logger = logging.getLogger(__name__)
 
-CHECKPOINT_VERSION = 5
+CHECKPOINT_VERSION = 6
 
-# Arrays of the last states, for each set of kept factors, of the wall shear stress, where it is summed, and of the
-# ordinary steps that are kept for the check.
-_STATES, _PER_FACTORS, _WALL, _KEPT = 4, 3, 4, 5
+# Arrays of the last states, for each set of kept factors and each second difference of earlier states, of the wall
+# shear stress, where it is summed, and of the ordinary steps that are kept for the check.
+_STATES, _PER_FACTORS, _PER_PAST, _WALL, _KEPT = 4, 3, 2, 4, 5
 
 
 @dataclass(frozen=True)
@@ -65,9 +65,9 @@ def read_checkpoint(path: Path) -> Checkpoint | None:
         return None
     states = [array.view(np.float64) for array in arrays[:_STATES]]
     whole = (
-        len(head) > 5
+        len(head) > 11
         and int(head[0]) == CHECKPOINT_VERSION
-        and len(arrays) - _STATES - _PER_FACTORS * int(head[5]) - _KEPT in (0, _WALL)
+        and len(arrays) - _STATES - _PER_FACTORS * int(head[5]) - _PER_PAST * int(head[11]) - _KEPT in (0, _WALL)
         and mark.tolist() == [int(head[1])]
         and all(len(state) == int(head[2]) and bool(np.isfinite(state).all()) for state in states)
     )

@@ -39,7 +39,7 @@ def signals(t: float) -> dict[str, float]:
 
 def write_checkpoint(path: Path, step: int, time: float, size: int = 7) -> None:
     state = np.full(size, float(step))
-    head, mark = np.array([CHECKPOINT_VERSION, step, size, 5, 3, 1, 0, 0, 0, 1, 1]), np.array([step])
+    head, mark = np.array([CHECKPOINT_VERSION, step, size, 5, 3, 1, 0, 0, 0, 1, 1, 0]), np.array([step])
     factors = [mark, np.array([0.05, 0.5]), np.concatenate([state, state])]
     kept = [np.array([1, 1, 1]), mark, mark, np.zeros(9), np.concatenate([state, state])]
     write_arrays(path, [head, np.array([time, 0.05, 0.05, 0.05, 0.05, 2.0]), *[state] * 4, *factors, *kept, mark])
