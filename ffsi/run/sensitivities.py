@@ -12,14 +12,16 @@ from ffsi.files.arguments import path_of
 from ffsi.files.errors import InputError
 from ffsi.freefem.events import OnEvent
 from ffsi.hemodynamics.result import Result
+from ffsi.run.adaptation import goals
 from ffsi.run.one_scene import solve
 from ffsi.scene import Scene, scene_of
-from ffsi.script.quantities import QUANTITIES
+from ffsi.script.quantities import QUANTITIES, reported
 from ffsi.script.render import parameters
 from ffsi.text import nearest
 
 _CHANGE = 0.01
 """By which part of itself a parameter is changed to either side, in time."""
+_ENDINGS = ("_mean", "_amplitude", "_frequency", "_last", "_min", "_max")
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -96,8 +98,7 @@ def differences(
         table = sweep(scene, points, out or temporary, jobs=os.cpu_count(), on_event=on_event)
     for reason in table["reason"][table["status"] != "converged"]:
         raise InputError(f"no sensitivities: {reason}")
-    endings = ("_mean", "_amplitude", "_frequency", "_last", "_min", "_max")
-    known = [name for name in map(str, table) if name.endswith(endings) and not name.startswith("min_jacobian")]
+    known = [name for name in map(str, table) if name.endswith(_ENDINGS) and not name.startswith("min_jacobian")]
     names = _known(of, known, "quantity")
     up, down = table[names].iloc[::2].set_axis(keys), table[names].iloc[1::2].set_axis(keys)
     logarithmic = (up - down) / (_CHANGE * (up + down))
@@ -109,11 +110,23 @@ def refuse_unknown(scene: Scene, of: Sequence[str], to: Sequence[str]) -> None:
 
     Quantities of parts and their other forms have the name of a quantity in front: `drag_beam_surface`.
     """
-    stems = sorted({quantity.name for quantity in QUANTITIES})
-    _known(
-        [name for name in _listed(of) if not name.startswith(tuple(f"{stem}_" for stem in stems))], stems, "quantity"
-    )
+    accepted = sorted({quantity.name for quantity in QUANTITIES})
+    later = tuple(f"{name}_" for name in accepted)  # what tells a name apart is known after the run
+    if scene.time is not None:
+        accepted = [f"{name}{ending}" for name in _of_history(scene) for ending in _ENDINGS]
+        later = tuple(each.name for each in QUANTITIES if {"walls", "parts"} & {*each.tables})
+    _known([name for name in _listed(of) if not name.startswith(later)], accepted, "quantity")
     _known(to, [parameter.key for parameter in parameters(scene) if parameter.kind == 1], "parameter")
+
+
+def _of_history(scene: Scene) -> list[str]:
+    """Return the quantities of every step of a scene in time, those of walls and energies apart."""
+    names = [name for name in ("drag", "lift", "tip_ux", "tip_uy") if name in goals(scene)]
+    if "drag" in names and scene.forces and scene.inflow and scene.inflow.mean_velocity:
+        names += ["drag_coefficient", "lift_coefficient"]
+    if scene.only_outlet and scene.only_outlet.has_pressure:
+        names += ["flow_rate_out", "outlet_pressure"]
+    return [*names, *(quantity.name for quantity in reported(scene) if quantity.history)]
 
 
 def _listed(names: Sequence[str]) -> list[str]:

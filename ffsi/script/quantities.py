@@ -47,7 +47,7 @@ def _has_whole_cylinder(scene: Scene) -> bool:
     return _has_fluid(scene) and isinstance(scene.geometry, ChannelCylinder) and scene.geometry.beam is None
 
 
-_DROP = " - ".join(f"int1d(Tf, {end})(fp)/int1d(Tf, {end})(1.)" for end in ("inletLabels", "outletLabels"))
+_DROP = " - ".join(f"int1d(Th, {end})(p)/int1d(Th, {end})(1.)" for end in ("inletLabels", "outletLabels"))
 _BOTH, _POINTS, _FLOW, _PARTS = ("sweep", "points"), ("points",), ("flow",), ("parts",)
 _TIP, _ROOF, _JACOBIAN = "Tip displacement", "Displacement of the roof's middle", "Smallest J = det F"
 _FLOW_THROUGH, _PRESSURE_AT = (

@@ -1,6 +1,8 @@
 """The committed scripts, run by FreeFEM alone: the same numbers as through Python, and clear refusals."""
 
+import functools
 import json
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -76,6 +78,32 @@ def test_a_folder_of_a_script_is_checked_and_loaded(freefem, tmp_path):
     assert 0 < slow.quantities["drag"] < fast.quantities["drag"] and fast.scene.inflow.mean_velocity == 0.04
     assert ffsi.load_result(tmp_path / "in-time").data["time"]["steps"] == 4
     assert main_code("report", tmp_path / "one", "-o", tmp_path / "report.html") == 0
+
+
+@pytest.mark.parametrize(("file", "place"), [
+    ("sensitivities-0001.json", ("fluid.viscosity", "drag")), ("errors-0001.json", ("errors", "lift", "estimate")),
+])  # fmt: skip
+def test_sensitivities_and_errors_of_a_script_are_checked_and_a_wrong_one_is_caught(
+    freefem, tmp_path, capsys, file, place
+):
+    done = freefem(
+        "turek-cfd1", "-mesh_level", 0, "-sensitivities", 1, "-error", 1, "-out", tmp_path, cwd=tmp_path
+    )
+    assert done.returncode == 0
+    right, wrong = (tmp_path / name for name in ("right", "wrong"))
+    for copy in right, wrong:
+        copy.mkdir()
+        for path in tmp_path.glob("*.*"):
+            shutil.copy(path, copy)
+    found = json.loads((wrong / file).read_text())
+    *outer, last = place
+    part = functools.reduce(lambda table, key: table[key], outer, found)
+    part[last] *= 1.0001
+    (wrong / file).write_text(json.dumps(found))
+    assert (main_code("check", right), main_code("check", wrong)) == (0, 1)
+    assert file.partition("-")[0] + "_difference" in capsys.readouterr().err
+    data = ffsi.load_result(right).data
+    assert {"drag", "lift"} <= data["errors"].keys() & data["sensitivities"].keys()
 
 
 def test_a_folder_of_another_script_is_refused(freefem, tmp_path, capsys):

@@ -12,6 +12,7 @@ from ffsi.cli.main import main
 from ffsi.files import folder
 from ffsi.reference import check_run
 from ffsi.run.chain import run_chain
+from ffsi.run.sensitivities import refuse_unknown
 from ffsi.scene import CASES
 
 STEADY = [name for name, scene in CASES.items() if scene.time is None]
@@ -113,8 +114,21 @@ def test_command_line(capsys):
     assert printed["logarithmic"]["traction.y"]["tip_uy"] == pytest.approx(0.848, abs=1e-3)  # it stiffens
 
 
-@pytest.mark.parametrize("names", [("--of", "drug"), ("--to", "fluid.viscosty")])
-def test_unknown_names_are_refused_before_anything_is_written(tmp_path, names, capsys):
+@pytest.mark.parametrize(("case", "names"), [
+    ("turek-fsi1", ("--of", "drug")), ("turek-fsi1", ("--to", "fluid.viscosty")),
+    ("turek-fsi3", ("--of", "drag", "--to", "fluid.viscosity")), ("turek-fsi3", ("--of", "tip_uy_lost")),
+])  # fmt: skip
+def test_unknown_names_are_refused_before_anything_is_written(tmp_path, case, names, capsys):
     with pytest.raises(SystemExit, match="2"):
-        main(["sensitivities", "turek-fsi1", *names, "--out", str(tmp_path / "out")])
+        main(["sensitivities", case, *names, "--out", str(tmp_path / "out")])
     assert "did you mean" in capsys.readouterr().err and not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("case", [name for name in CASES if name not in STEADY])
+def test_in_time_the_quantities_of_a_history_are_accepted_and_no_others(solved, case):
+    scene = scene_of(case, "time.end=0.02", "time.step=0.01")
+    names = set(solved(case, "time.end=0.02", "time.step=0.01").data["time"]["largest"]) - {"min_jacobian"}
+    refuse_unknown(scene, [f"{name}_last" for name in names], [])
+    for name in {"drag", "lift_coefficient", "tip_ux", "flow_rate_in", "flow_rate_out", "pressure_drop"} - names:
+        with pytest.raises(ffsi.InputError, match=f"'{name}_last' is no quantity"):
+            refuse_unknown(scene, [f"{name}_last"], [])
