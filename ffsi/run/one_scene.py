@@ -66,7 +66,7 @@ def solve(
             where their errors come from, until the tolerance is met or the unknowns are used up. With `error`; the
             meshes are in `data["adaptation"]`.
         tolerance: of each of them, relative, as 1e-3 or "0.1%".
-        unknowns: the most that the mesh may have; 60 000 where only a tolerance is given.
+        unknowns: the most that the mesh may have, at least those of level 0; 60 000 where only a tolerance is given.
 
     Returns:
         The Result; a scene that does not converge is a Result with status `failed`, not an exception.

@@ -121,7 +121,7 @@ def refuse_unknown(scene: Scene, of: Sequence[str], to: Sequence[str]) -> None:
 
 def _of_history(scene: Scene) -> list[str]:
     """Return the quantities of every step of a scene in time, those of walls and energies apart."""
-    names = [name for name in ("drag", "lift", "tip_ux", "tip_uy") if name in goals(scene)]
+    names = [name for name in goals(scene) if name in ("drag", "lift", "tip_ux", "tip_uy")]
     if "drag" in names and scene.forces and scene.inflow and scene.inflow.mean_velocity:
         names += ["drag_coefficient", "lift_coefficient"]
     if scene.only_outlet and scene.only_outlet.has_pressure:

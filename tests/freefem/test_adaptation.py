@@ -40,6 +40,7 @@ def test_the_unknowns_are_not_exceeded_and_the_tolerance_is_said_to_be_missed(tm
         (("-adapt", "drag"), "-adapt needs -tolerance or -unknowns"),
         (("-adapt", "drag", "-tolerance", "0"), "-tolerance needs a number above 0"),
         (("-tolerance", "0.1"), "belong to -adapt"),
+        (("-adapt", "drag", "-unknowns", "900"), "-unknowns 900: the first mesh has "),
         (("-adapt", "drag", "-unknowns", "9000", "-sensitivities", "1"), "-adapt goes with neither"),
     ],
 )

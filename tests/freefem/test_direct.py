@@ -86,9 +86,7 @@ def test_a_folder_of_a_script_is_checked_and_loaded(freefem, tmp_path):
 def test_sensitivities_and_errors_of_a_script_are_checked_and_a_wrong_one_is_caught(
     freefem, tmp_path, capsys, file, place
 ):
-    done = freefem(
-        "turek-cfd1", "-mesh_level", 0, "-sensitivities", 1, "-error", 1, "-out", tmp_path, cwd=tmp_path
-    )
+    done = freefem("turek-cfd1", "-mesh_level", 0, "-sensitivities", 1, "-error", 1, "-out", tmp_path, cwd=tmp_path)
     assert done.returncode == 0
     right, wrong = (tmp_path / name for name in ("right", "wrong"))
     for copy in right, wrong:

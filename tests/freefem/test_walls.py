@@ -222,7 +222,7 @@ WRONG_TIES = {
     "direction": ("-normalX[i]/normalY[i]", "normalX[i]/normalY[i]"),
     "momentum": ("rows[tiedTo[tied[i]]] += tieFactor", "rows[tiedTo[tied[i]]] -= tieFactor"),
     "friction": ("rows[tiedTo[tied[i]]] += tieFactor", "rows[tiedTo[tied[i]]] += 0*tieFactor"),
-    "a force": ("(tractionX+slides*N.y)", "(tractionX-slides*N.y)"),
+    "a force": ("stepTractionX(from:to) += slide", "stepTractionX(from:to) -= slide"),
 }
 
 
