@@ -14,10 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from ffsi.files import folder
-from ffsi.files.arrays import read_mesh, read_state
 from ffsi.hemodynamics.result import Result, load_result
-from ffsi.hemodynamics.walls import wall_labels, wall_points, wall_shear_stress
 from ffsi.scene import CASES as CATALOGUE
 from ffsi.scene import Aneurysm, Scene, with_values
 from studies.harness import Place, Run, Study, run_all
@@ -82,17 +79,13 @@ def plane_case(name: str, fluid: Mapping[str, Any], gradient: float) -> BloodCas
         """Return pressure gradient (Pa/m), and where they are farthest off largest velocity and wall shear stress."""
         x = np.linspace(*_MIDDLE, _SAMPLES) * length
         found = result.sample(np.column_stack([x, np.full_like(x, half_height)]))
-        raw = read_mesh(result.directory / folder.MESH)
-        points = wall_points(raw, wall_labels(result.scene))
-        state = read_state(result.directory / str(result.state_file), raw)
-        assert result.scene.fluid is not None
-        wall = np.hypot(*wall_shear_stress(points, state, result.scene.fluid).T)
-        place = points.position[:, 0] / length
+        assert result.wall is not None
+        wall = result.wall[(result.wall["x"] / length).between(*_MIDDLE)]["wss"].to_numpy()
         return {
             "mean": Measured(exact()[0]),
             "gradient": Measured(-float(np.polyfit(x, found["p"], 1)[0]), gradient),
             "largest": worst(found["vx"].to_numpy(), exact()[1]),
-            "wall_shear_stress": worst(wall[(place > _MIDDLE[0]) & (place < _MIDDLE[1])], gradient * half_height),
+            "wall_shear_stress": worst(wall, gradient * half_height),
         }
 
     return BloodCase("plane", label, (name, f"{gradient:g}"), 0, scene, measure)
