@@ -33,17 +33,14 @@ def test_the_unknowns_are_not_exceeded_and_the_tolerance_is_said_to_be_missed(tm
     assert any("of drag, tip_ux are above the tolerance" in text for text in result.warnings)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("-adapt", "drag,dragg", "-tolerance", "0.01"), "'dragg' is no quantity"),
-        (("-adapt", "drag"), "-adapt needs -tolerance or -unknowns"),
-        (("-adapt", "drag", "-tolerance", "0"), "-tolerance needs a number above 0"),
-        (("-tolerance", "0.1"), "belong to -adapt"),
-        (("-adapt", "drag", "-unknowns", "900"), "-unknowns 900: the first mesh has "),
-        (("-adapt", "drag", "-unknowns", "9000", "-sensitivities", "1"), "-adapt goes with neither"),
-    ],
-)
+@pytest.mark.parametrize(("arguments", "message"), [
+    (("-adapt", "drag,dragg", "-tolerance", "0.01"), "'dragg' is no quantity"),
+    (("-adapt", "drag"), "-adapt needs -tolerance or -unknowns"),
+    (("-adapt", "drag", "-tolerance", "0"), "-tolerance needs a number above 0"),
+    (("-tolerance", "0.1"), "belong to -adapt"),
+    (("-adapt", "drag", "-unknowns", "900"), "-unknowns 900: the first mesh has "),
+    (("-adapt", "drag", "-unknowns", "9000", "-sensitivities", "1"), "-adapt goes with neither"),
+])  # fmt: skip
 def test_a_script_refuses_it(freefem, tmp_path, arguments, message):  # noqa: F811
     done = freefem("turek-cfd1", *arguments, "-out", tmp_path, cwd=tmp_path)
     assert done.returncode == 2 and message in done.stdout

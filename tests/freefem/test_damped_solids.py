@@ -42,15 +42,12 @@ def oscillator(rate, steps, wave=WAVE):
     return found
 
 
-@pytest.mark.parametrize(
-    ("damping", "rate"),
-    [
-        ({}, 0.0),
-        ({"viscosity": 3.0}, 3.0 / DENSITY * WAVE**2),
-        ({"mass_damping": 1.5}, 1.5),
-        ({"viscosity": 3.0, "mass_damping": 1.5}, 1.5 + 3.0 / DENSITY * WAVE**2),
-    ],
-)
+@pytest.mark.parametrize(("damping", "rate"), [
+    ({}, 0.0),
+    ({"viscosity": 3.0}, 3.0 / DENSITY * WAVE**2),
+    ({"mass_damping": 1.5}, 1.5),
+    ({"viscosity": 3.0, "mass_damping": 1.5}, 1.5 + 3.0 / DENSITY * WAVE**2),
+])  # fmt: skip
 def test_a_bar_decays_as_an_oscillator(damping, rate, tmp_path):
     result = solve(bar(tmp_path, **damping), tmp_path / "run")
     assert result.checked

@@ -107,6 +107,12 @@ def test_a_dead_pressure_is_a_traction_and_one_that_follows_is_not(time, tmp_pat
     assert np.abs(found["following"] - found["dead"]).max() > 1e-2 * size
 
 
+def test_a_load_grows_where_newton_has_too_few_iterations(tmp_path):
+    scene = with_values(block(tmp_path, time=False, pressure=-3, traction_y=2), {"solver.max_iterations": 4})
+    result = solve(scene, tmp_path / "run")
+    assert result.checked and result.history["load"].min() < 1
+
+
 def test_the_work_of_a_load_is_what_the_solid_has(tmp_path):
     """Of a pressure that follows: with theta = 1/2 and St. Venant-Kirchhoff a step loses nothing."""
     scene = block(tmp_path, time=True, pressure=-2, waveform="sin(9*t)")

@@ -64,22 +64,19 @@ def test_a_load_of_samples_is_that_of_the_formula(tmp_path):
     np.testing.assert_allclose(displacement(by_file), displacement(by_text), rtol=0, atol=1e-9 * size)
 
 
-@pytest.mark.parametrize(
-    ("column", "at", "value", "text"),
-    [
-        ("x", [0, 1], [0, 1], r"inflow\.profile_file = .*the columns are x, value; accepted: y, value"),
-        ("y", [0], [1], r"profile_file.*1 rows; at least 2 are needed"),
-        ("y", [0, 0], [1, 2], r"profile_file.*the values of y must increase; that of row 2 does not"),
-        ("y", [0, 1], [1, "a"], r"profile_file.*row 2 holds no two finite numbers"),
-        (
-            "y",
-            [0, 500, 1000],
-            [0, 1, 0],
-            r"profile_samples.at: reaches from 0 to 1000 m; accepted: 0 to 1 m, the inlet",
-        ),
-        ("y", range(101), range(101), r"profile_file.*101 rows; at most 100 are accepted"),
-    ],
-)
+@pytest.mark.parametrize(("column", "at", "value", "text"), [
+    ("x", [0, 1], [0, 1], r"inflow\.profile_file = .*the columns are x, value; accepted: y, value"),
+    ("y", [0], [1], r"profile_file.*1 rows; at least 2 are needed"),
+    ("y", [0, 0], [1, 2], r"profile_file.*the values of y must increase; that of row 2 does not"),
+    ("y", [0, 1], [1, "a"], r"profile_file.*row 2 holds no two finite numbers"),
+    (
+        "y",
+        [0, 500, 1000],
+        [0, 1, 0],
+        r"profile_samples.at: reaches from 0 to 1000 m; accepted: 0 to 1 m, the inlet",
+    ),
+    ("y", range(101), range(101), r"profile_file.*101 rows; at most 100 are accepted"),
+])  # fmt: skip
 def test_refused(column, at, value, text, tmp_path):
     samples = table(tmp_path / "profile.csv", column, at, value)
     with pytest.raises(SceneError, match=text):

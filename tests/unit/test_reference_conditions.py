@@ -70,15 +70,12 @@ def poiseuille_system(outlet, factor=None, density=1.3, mesh=None):
     return System.build(problem, mesh or channel_mesh())
 
 
-@pytest.mark.parametrize(
-    ("outlet", "pressure"),
-    [
-        (Outlet("pressure", 0.7), 0.7),
-        (Outlet("pressure", 0.7, backflow=0.5), 0.7),  # nothing comes back
-        (Outlet("resistance", 0.7, resistance=2.0), 0.7 + 2.0 * FLOW),
-        (WINDKESSEL, 0.4 + 5.5 * FLOW),
-    ],
-)
+@pytest.mark.parametrize(("outlet", "pressure"), [
+    (Outlet("pressure", 0.7), 0.7),
+    (Outlet("pressure", 0.7, backflow=0.5), 0.7),  # nothing comes back
+    (Outlet("resistance", 0.7, resistance=2.0), 0.7 + 2.0 * FLOW),
+    (WINDKESSEL, 0.4 + 5.5 * FLOW),
+])  # fmt: skip
 def test_steady_pressure_at_the_outlet(outlet, pressure):
     system = poiseuille_system(outlet)
     solution, nodes = solve(system, tolerance=1e-9), system.mesh.p2_coordinates

@@ -19,7 +19,7 @@ from ffsi.files.errors import InputError
 from ffsi.hemodynamics.result import Result, load_result
 from ffsi.report import runs, scene, viewer, write_report
 from ffsi.report.blocks import Picture
-from ffsi.result.refinement import limit
+from ffsi.result.refinement import limit, refinement
 from ffsi.run import one_scene, sweep
 from ffsi.scene import load_scene
 from ffsi.scene.keys import scene_keys
@@ -128,7 +128,11 @@ def test_commands_and_series_are_told_if_they_hold():
     order, value = limit(h, [3 + 5 * size**2.5 for size in h])
     assert (order, value) == (pytest.approx(2.5), pytest.approx(3))
     for values in ([1, 2, 1], [1, 1, 1], [1, 2, 4]):
-        assert limit(h, values) is None
+        assert limit(h, values) is None and refinement(h, values).bar == max(values) - min(values)
+    for power, believed in ((1.5, 1.5), (2.5, 2)):  # the bar of the finest value
+        finest, before = (5 * size**power for size in (0.1, 0.2))
+        bar = refinement(h, [3 + 5 * size**power for size in h]).bar
+        assert bar == pytest.approx(1.25 * (before - finest) / (2**believed - 1))
 
 
 def test_the_viewer_holds_the_fields(tmp_path):

@@ -415,22 +415,19 @@ def test_values_of_any_type_are_numbers_in_si(values):
     assert found == [0.02, 0.04] and all(type(value) is float for value in found)
 
 
-@pytest.mark.parametrize(
-    ("key", "values", "found"),
-    [
-        ("mesh.level", np.array([0, 1], dtype=np.int64), [0, 1]),
-        ("mesh.level", [1.0, "1"], None),
-        ("mesh.level", [1.0], [1]),
-        (KEY, np.arange(1, 3), [1.0, 2.0]),
-        ("output.vtu", np.array([True, False]), [True, False]),
-        ("inflow.profile", np.array(["parabolic", "uniform"]), ["parabolic", "uniform"]),
-        ("mesh_motion.kind", pd.Series(["harmonic"], dtype="string"), ["harmonic"]),
-        ("inflow.peak_velocity", ["3 cm/s"], [0.03]),
-        ("solid.flap.density", ["1 g/cm^3", pint.UnitRegistry().Quantity(1, "g/cm^3"), 1000], [1000.0]),
-        ("mesh.level", [1, True], None),  # equal for Python
-        ("output.vtu", [True, 1], None),
-    ],
-)
+@pytest.mark.parametrize(("key", "values", "found"), [
+    ("mesh.level", np.array([0, 1], dtype=np.int64), [0, 1]),
+    ("mesh.level", [1.0, "1"], None),
+    ("mesh.level", [1.0], [1]),
+    (KEY, np.arange(1, 3), [1.0, 2.0]),
+    ("output.vtu", np.array([True, False]), [True, False]),
+    ("inflow.profile", np.array(["parabolic", "uniform"]), ["parabolic", "uniform"]),
+    ("mesh_motion.kind", pd.Series(["harmonic"], dtype="string"), ["harmonic"]),
+    ("inflow.peak_velocity", ["3 cm/s"], [0.03]),
+    ("solid.flap.density", ["1 g/cm^3", pint.UnitRegistry().Quantity(1, "g/cm^3"), 1000], [1000.0]),
+    ("mesh.level", [1, True], None),  # equal for Python
+    ("output.vtu", [True, 1], None),
+])  # fmt: skip
 def test_values_are_what_the_scene_makes_of_them(key, values, found):
     if found is None:
         with pytest.raises(SceneError, match=key):
@@ -453,34 +450,31 @@ def test_designs():
         assert cells == list(range(8))  # one in each eighth of the range
 
 
-@pytest.mark.parametrize(
-    ("vary", "design", "message"),
-    [
-        ({KEY: [0.1]}, {"design": "produkt"}, 'did you mean "product"'),
-        ({KEY: [0.1, 0.2], "mesh.level": [0]}, {"design": "zip"}, f"{KEY} 2, mesh.level 1"),
-        ([{KEY: 0.1}], {"design": "zip"}, "a mapping of keys, not list"),
-        ({KEY: [0.1]}, {"samples": 3}, "samples and seed belong"),
-        ({KEY: [0.1, 0.2, 0.3]}, {"design": "sobol", "samples": 3}, r"a range \(low, high\)"),
-        ({KEY: (0.2, 0.1)}, {"design": "sobol", "samples": 3}, "low < high"),
-        ({KEY: (0.1, 0.2)}, {"design": "sobol"}, "samples = None"),
-        ({KEY: (0.1, 0.2)}, {"design": "sobol", "samples": 3, "seed": -1}, "seed = -1"),
-        ({KEY: [None]}, {}, "a value is missing"),
-        ({KEY: np.ma.array([0.1, 0.2], mask=[False, True])}, {}, "a value is missing"),
-        ({KEY: {"1 cm/s", "2 cm/s"}}, {}, "a list of numbers"),  # without an order
-        ({KEY: [0.1], f"{KEY} ": [0.2]}, {}, "comes twice"),
-        (pd.DataFrame([[0.1, 0.2]], columns=[KEY, KEY]), {}, "comes twice"),
-        ({KEY: "0.1"}, {}, "a list of numbers"),
-        ({KEY: 0.1}, {}, "a list of numbers"),
-        ({KEY: [[0.1]]}, {}, "a number, a text or a truth value"),
-        ({KEY: [pint.UnitRegistry().Quantity([1, 2], "cm/s")]}, {}, "a number, a text or a truth value"),
-        ({KEY: [Decimal("sNaN")]}, {}, "a finite number"),
-        (pd.DataFrame({KEY: [0.1], "fluid.viscosty": [None]}), {}, "fluid.viscosty: no point has a value of it"),
-        ({"time.end": [1.0, 2.0]}, {}, "time.end: the scene is steady"),
-        ({(KEY, "mesh.level"): [(0.1, 1)]}, {}, "dotted keys"),
-        ("0.1", {}, "a DataFrame or a list of mappings"),
-        ({KEY: np.linspace(1, 2, 1000), "fluid.viscosity": np.linspace(1, 2, 1000)}, {}, "1000 x 1000 = 1000000"),
-    ],
-)
+@pytest.mark.parametrize(("vary", "design", "message"), [
+    ({KEY: [0.1]}, {"design": "produkt"}, 'did you mean "product"'),
+    ({KEY: [0.1, 0.2], "mesh.level": [0]}, {"design": "zip"}, f"{KEY} 2, mesh.level 1"),
+    ([{KEY: 0.1}], {"design": "zip"}, "a mapping of keys, not list"),
+    ({KEY: [0.1]}, {"samples": 3}, "samples and seed belong"),
+    ({KEY: [0.1, 0.2, 0.3]}, {"design": "sobol", "samples": 3}, r"a range \(low, high\)"),
+    ({KEY: (0.2, 0.1)}, {"design": "sobol", "samples": 3}, "low < high"),
+    ({KEY: (0.1, 0.2)}, {"design": "sobol"}, "samples = None"),
+    ({KEY: (0.1, 0.2)}, {"design": "sobol", "samples": 3, "seed": -1}, "seed = -1"),
+    ({KEY: [None]}, {}, "a value is missing"),
+    ({KEY: np.ma.array([0.1, 0.2], mask=[False, True])}, {}, "a value is missing"),
+    ({KEY: {"1 cm/s", "2 cm/s"}}, {}, "a list of numbers"),  # without an order
+    ({KEY: [0.1], f"{KEY} ": [0.2]}, {}, "comes twice"),
+    (pd.DataFrame([[0.1, 0.2]], columns=[KEY, KEY]), {}, "comes twice"),
+    ({KEY: "0.1"}, {}, "a list of numbers"),
+    ({KEY: 0.1}, {}, "a list of numbers"),
+    ({KEY: [[0.1]]}, {}, "a number, a text or a truth value"),
+    ({KEY: [pint.UnitRegistry().Quantity([1, 2], "cm/s")]}, {}, "a number, a text or a truth value"),
+    ({KEY: [Decimal("sNaN")]}, {}, "a finite number"),
+    (pd.DataFrame({KEY: [0.1], "fluid.viscosty": [None]}), {}, "fluid.viscosty: no point has a value of it"),
+    ({"time.end": [1.0, 2.0]}, {}, "time.end: the scene is steady"),
+    ({(KEY, "mesh.level"): [(0.1, 1)]}, {}, "dotted keys"),
+    ("0.1", {}, "a DataFrame or a list of mappings"),
+    ({KEY: np.linspace(1, 2, 1000), "fluid.viscosity": np.linspace(1, 2, 1000)}, {}, "1000 x 1000 = 1000000"),
+])  # fmt: skip
 def test_what_is_no_design_is_refused(vary, design, message):
     with pytest.raises(InputError, match=message):
         columns_of(SCENE, vary, **design)

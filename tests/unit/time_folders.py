@@ -1,7 +1,6 @@
 """A stand-in for the script of a scene in time: given signals, and all the files that the real one writes."""
 
 import math
-import shutil
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -116,10 +115,3 @@ class FakeTimeFreeFEM:
     def _append(path: Path, *cells: object) -> None:
         with path.open("a") as file:
             file.write(",".join(str(cell) for cell in cells) + "\n")
-
-
-def killed_copy(whole: Path, copy: Path) -> Path:
-    """Copy a folder as a kill of the whole process group leaves it: what Python writes at the end is not there."""
-    shutil.copytree(whole, copy)
-    (copy / "result.json").unlink(missing_ok=True)
-    return copy
