@@ -10,7 +10,7 @@ from conftest import scene_of
 import ffsi
 from ffsi.reference.check import check_run
 from ffsi.report import write_report
-from ffsi.run.beside import complete, scenes_beside
+from ffsi.run.beside import COARSER, TWICE, complete, scenes_beside
 from ffsi.run.longer import lengthen
 from ffsi.scene import with_values
 
@@ -107,13 +107,21 @@ def test_the_runs_beside_one_that_goes_on_go_on_to_the_same_end(tmp_path):
     assert bars[0] == pytest.approx(bars[1], rel=1e-3)
 
 
-def test_a_run_beside_with_other_values_gives_no_bars():
-    scene = scene_of("turek-csm3", "mesh.level=1", "time.step=0.02", "time.end=0.04", "output.pictures=false")
-    data = {"warnings": [], "failure": ""}
-    beside = {name: Future() for name in scenes_beside(scene)}
+@pytest.mark.parametrize(("scheme", "over"), [("shifted-crank-nicolson", 3.0), ("backward-euler", 1.0)])
+def test_bars_are_three_times_richardsons_differences_of_runs_with_the_same_values(scheme, over):
+    scene = scene_of("turek-csm3", "mesh.level=1", "time.step=0.02", "time.end=0.04", f"time.scheme={scheme}")
+    data = {"warnings": [], "failure": "", "triangles": 500, "quantities": {"tip_uy": 2.0}, "time": {"last": {}}}
+    beside = {name: Future() for name in (COARSER, TWICE)}
+    found = {COARSER: (100, 1.0), TWICE: (500, 2.3)}
     for name, other in scenes_beside(scene).items():
-        other = SimpleNamespace(scene=with_values(other, {"solver.tolerance": 1e-9}), reason="")
-        beside[name].set_result(other)
+        values = {**data, "triangles": found[name][0], "quantities": {"tip_uy": found[name][1]}}
+        beside[name].set_result(SimpleNamespace(scene=other, reason="", data=values))
+    complete(data, scene, beside)
+    (error,) = data["errors"].values()
+    assert (error["mesh"], error["step"]) == pytest.approx((1 / 4, -0.3 / over))
+    assert (error["estimate"], error["bar"]) == pytest.approx((1 / 4 - 0.3 / over, 3 * (1 / 4 + 0.3 / over)))
+    for future in beside.values():
+        future.result().scene = with_values(future.result().scene, {"solver.tolerance": 1e-9})
     complete(data, scene, beside)
     assert len(data["warnings"]) == 2 and "started again with other values" in data["warnings"][0]
 

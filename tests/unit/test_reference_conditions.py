@@ -155,6 +155,7 @@ def test_pressure_in_a_step_is_that_of_its_time_between(theta):
     mean = theta * beating(0.3) + (1 - theta) * beating(0.2)
     assert between == pytest.approx(0.2 + theta * 0.1, rel=1e-14)
     assert found[-1][0] == pytest.approx(0.7 * ramp(between) + 2.0 * mean * FLOW, rel=1e-9)
+    assert outlet.at_end(Step(0.1, theta, 0.3), FLOW, 9.0) == pytest.approx(0.7 * ramp(0.3) + 2.0 * FLOW, rel=1e-14)
 
 
 @pytest.mark.parametrize(("theta_of", "order"), [(lambda k: 0.5, 2), (lambda k: 0.5 + k, 2), (lambda k: 1.0, 1)])
