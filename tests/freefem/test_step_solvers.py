@@ -89,6 +89,14 @@ def test_a_finished_run_goes_on_to_a_later_end(interval, tmp_path):
         resume(first.directory)
 
 
+def test_a_correction_is_measured_by_its_root_mean_square_over_the_largest_velocity(tmp_path):
+    """The first one of a solid that its weight sets off is its velocity."""
+    folder = run(tmp_path / "run", "turek-csm3", "time.step=0.001", "time.end=0.001").directory
+    v = read_state(folder / "point-0001.bin", read_mesh(folder / "mesh.bin")).v
+    first = pd.read_csv(folder / "newton.csv")["correction"][0]
+    assert first == pytest.approx(np.sqrt((v**2).mean()) / np.abs(v).max(), rel=1e-5)
+
+
 def assert_finite(result: Result) -> None:
     """Assert that no file holds a number that is none, and that the last state is that of the last step."""
     history = pd.read_csv(result.directory / "history.csv")
