@@ -169,10 +169,7 @@ def test_a_built_in_channel_has_them_too(tmp_path):
 
 # A wrong script does not pass.
 WRONG = {
-    "sign": (
-        "part = behind*openingX[j]; rows(vxFrom:vxTo) += part;",
-        "part = -behind*openingX[j]; rows(vxFrom:vxTo) += part;",
-    ),
+    "sign": ("AddPressure(behind, openingDof[j]", "AddPressure(-behind, openingDof[j]"),
     "resistance": ("AddResistance(stepWeight*resistance[j],", "AddResistance(-stepWeight*resistance[j],"),
     "time": ("SetOpeningFactors(timeNow+timeTheta*timeK);", "SetOpeningFactors(timeNow+timeK);"),
     "inlet": ("factor*inletFactor[j]*mean[j]", "-factor*inletFactor[j]*mean[j]"),
