@@ -174,7 +174,7 @@ WRONG = {
     "time": ("SetOpeningFactors(timeNow+timeTheta*timeK);", "SetOpeningFactors(timeNow+timeK);"),
     "inlet": ("factor*inletFactor[j]*mean[j]", "-factor*inletFactor[j]*mean[j]"),
     "reported": ("-unitVelocity*unitLength*int1d", "unitVelocity*unitLength*int1d"),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", WRONG)
@@ -194,20 +194,16 @@ REFUSED = [
     ({"inlet": BOTH, "inflow": {"mean_velocity": 1}}, "inflow: not accepted beside tables inlet.NAME"),
     ({"inlet": {**LOW, "high": {"presure": 2}}}, r"inlet\.high\.presure.*did you mean .inlet.high.pressure"),
     ({"inlet": {**LOW, "high": {"pressure": 2, "mean_velocity": 1}}}, r"inlet\.high\.mean_velocity: .* are given"),
-    (
-        {"inlet": {**LOW, "high": {"pressure": 2, "profile": "y"}}},
-        r"inlet\.high\.profile.*only accepted with a velocity",
-    ),
+    ({"inlet": {**LOW, "high": {"pressure": 2, "profile": "y"}}},
+     r"inlet\.high\.profile.*only accepted with a velocity"),
     ({"inlet": {**LOW, "high": {"pressure": 2, "waveform": "t"}}}, r"inlet\.high\.waveform.*table time"),
     ({"inlet": {**LOW, "high": {"pressure": "2 m"}}}, r"inlet\.high\.pressure = .2 m"),
     ({"inlet": {**LOW, "high": {"mean_velocity": 2, "direction": "normal"}}}, r"inlet\.high\.direction"),
     ({"inlet": BOTH, "outlet": {"bottom": {"kind": "presure"}, "top": NONE}}, r"outlet\.bottom\.kind.*did you mean"),
-    (
-        {"inlet": BOTH, "outlet": {"bottom": NONE, "top": pressed(1) | {"hydrostatic": True}}},
-        r"outlet\.top\.hydrostatic",
-    ),
+    ({"inlet": BOTH, "outlet": {"bottom": NONE, "top": pressed(1) | {"hydrostatic": True}}},
+     r"outlet\.top\.hydrostatic"),
     ({"inlet": BOTH, "outlet": {"bottom": NONE, "kind": "do-nothing"}}, r"outlet\.kind.*must be a table"),
-]
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(("tables", "text"), REFUSED)
