@@ -229,9 +229,12 @@ def _examine_steps(
     system = System.build(problem_from_scene(scene), mesh)
     history = History.read(directory / folder.TIME_HISTORY)
     outlet = system.problem.outlet
-    stored = [0.0] * (len(history) + 1)
+    stored: dict[str, list[float]] = {}
     if outlet is not None and outlet.presses:
-        stored = reservoirs(outlet, history, theta_of(scene))
+        stored[""] = reservoirs(outlet, history, theta_of(scene))
+    for own in (boundary.outlet for boundary in system.problem.boundaries):
+        if own is not None and own.stores:
+            stored[own.name] = reservoirs(own, history, theta_of(scene), f"flow_through_{own.name}")
     cycles = read_cycles(directory)
     found, passages, corrector = [], [], Corrector()
     for entry in entries:
@@ -240,7 +243,7 @@ def _examine_steps(
         history.refuse_other(number, step)
         row, before = history.quantities(number), read_state(directory / entry.old, mesh)
         after = read_state(directory / entry.new, mesh)
-        stepping = system.stepping(before, step, stored[number - 1])
+        stepping = system.stepping(before, step, {name: values[number - 1] for name, values in stored.items()})
         place, later = f" in step {number} at {step.time:g} s", last if entry is entries[-1] else None
         reported = entry.quantities | {name: row[name] for name in AT_OUTLET if name in row}
         reported |= dict(zip(WINDKESSEL, entry.windkessel or (), strict=False))

@@ -40,7 +40,8 @@ class Outlet:
     flow rate drives the pressure at once: of the kind ``windkessel`` it is the proximal one, behind which the reservoir
     of the ``compliance`` m2/Pa empties through the ``distal`` resistance. ``backflow`` is the weight of the momentum
     that fluid which comes back brings along. ``hydrostatic`` adds to the pressure behind the outlet that of a column of
-    the fluid, which is zero where the outlet ends highest against gravity. Raises ``ValueError`` for an unknown kind.
+    the fluid, which is zero where the outlet ends highest against gravity.
+    One of several has a ``name``. Raises ``ValueError`` for an unknown kind.
 
     A kind with a law of its own is a class derived from this one.
     """
@@ -55,6 +56,7 @@ class Outlet:
     backflow: float = 0.0
     ramp: Callable[[float], float] | None = None
     hydrostatic: bool = False
+    name: str = ""
 
     def __post_init__(self) -> None:
         """Refuse unknown kinds."""

@@ -158,7 +158,7 @@ def _opening(scene: Scene, boundary: Any) -> dict[str, Any]:
             found["still"] = (-place.inward[1], place.inward[0])
         return found | {"outlet": Outlet("pressure", inlet.pressure, ramp=_factor(scene, inlet))}
     if boundary.role == "outlet" and _parted(scene):
-        found["outlet"] = _outlet(scene, scene.outlets.get(name, scene.only_outlet))
+        found["outlet"] = replace(_outlet(scene, scene.outlets.get(name, scene.only_outlet)), name=name or "")
     return found
 
 

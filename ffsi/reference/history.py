@@ -110,15 +110,17 @@ def _numbers(path: Path, number: int, names: Sequence[str], row: Sequence[str]) 
     return found
 
 
-def reservoirs(outlet: Outlet, history: History, theta: Callable[[float, int], float]) -> list[float]:
+def reservoirs(
+    outlet: Outlet, history: History, theta: Callable[[float, int], float], flow_rate: str = "flow_rate_out"
+) -> list[float]:
     """Pressure of the reservoir before the first step, which starts from rest, and after each, (steps + 1,) Pa.
 
-    It follows from the flow rates of the history; ``theta`` is the weight of a step by its length and its number.
-    Raises ``ValueError`` if the history has no flow rates.
+    It follows from the column ``flow_rate`` of the history; ``theta`` is the weight of a step by its length and its
+    number. Raises ``ValueError`` if the history has no flow rates.
     """
-    if missing := {"flow_rate_out", "outlet_pressure"} - history.columns.keys():
+    if missing := {flow_rate, *({"outlet_pressure"} if not outlet.name else ())} - history.columns.keys():
         raise ValueError(f"{history.path}: no column {', '.join(sorted(missing))}")
-    flow, times = history.columns["flow_rate_out"], zip(history.columns["step"], history.columns["time"], strict=True)
+    flow, times = history.columns[flow_rate], zip(history.columns["step"], history.columns["time"], strict=True)
     found, old = [outlet.pressure_at(0.0)], 0.0
     if not outlet.stores:
         return found * (len(flow) + 1)

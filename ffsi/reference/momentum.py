@@ -68,7 +68,7 @@ def outlet_pressure(system: System, outlet: Outlet, sides: Sides, v: Array) -> A
         pressure = outlet.steady(flow)
     else:
         old_flow = terms.outlet_flow(sides.normal, increment.old.v[sides.nodes])
-        pressure = outlet.during(increment.step, flow, old_flow, increment.reservoir)
+        pressure = outlet.during(increment.step, flow, old_flow, increment.reservoirs.get(outlet.name, 0.0))
     return terms.outlet_pressure(sides.normal, pressure)
 
 

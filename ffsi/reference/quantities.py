@@ -114,6 +114,12 @@ def _pressures(system: System, state: RawState) -> dict[str, Quantity]:
             through = float(abs(state.v[sides.nodes]).max() * abs(sides.normal).sum())
             name, sign = boundary.opening
             found[f"flow_through_{name}"] = Quantity.of(sign * flow, through, _DIFFERENCE)
+            own, increment = boundary.outlet, system.increment
+            if own is not None and own.stores and increment is not None:
+                old = increment.reservoirs[name]
+                before = sign * float(terms.outlet_flow(sides.normal, increment.old.v[sides.nodes]))
+                new = float(own.reservoir_after(increment.step, flow, before, old))
+                found[f"windkessel_{name}"] = Quantity.of(new, max(abs(old), abs(new)), _DIFFERENCE)
             found[f"pressure_at_{name}"] = Quantity.of(_mean_pressure(system, state, [boundary.label]), size)
         if boundary.name == "cylinder" and boundary.circle is not None:
             x, y, radius = boundary.circle
@@ -206,7 +212,7 @@ def at_outlet(system: System, state: RawState) -> dict[str, Quantity]:
     if (increment := system.increment) is None:
         size = abs(outlet.pressure) + (outlet.resistance + outlet.distal) * through
         return found | {"outlet_pressure": Quantity.of(float(outlet.steady(flow)), size, _DIFFERENCE)}
-    step, old, new = increment.step, increment.reservoir, 0.0
+    step, old, new = increment.step, increment.reservoirs.get("", 0.0), 0.0
     if outlet.stores:
         new = float(outlet.reservoir_after(step, flow, flow_of(increment.old.v), old))
         size = max(abs(old), abs(new))

@@ -1,7 +1,8 @@
 """One step of the theta scheme: its weights, and the state that it starts from."""
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 from ffsi.files.arrays import RawState
 from ffsi.reference.materials import Array
@@ -44,8 +45,11 @@ class Step:
 
 @dataclass(frozen=True)
 class Increment:
-    """A step and the state at its start; ``reservoir`` Pa is the pressure there behind an outlet that stores fluid."""
+    """A step and the state at its start; ``reservoirs`` are the pressures, Pa, there behind outlets that store fluid.
+
+    They are by the outlet's name, which of the only one is empty.
+    """
 
     old: RawState
     step: Step
-    reservoir: float = 0.0
+    reservoirs: Mapping[str, float] = field(default_factory=dict)

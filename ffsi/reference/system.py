@@ -1,5 +1,6 @@
 """A problem on its mesh: mapped triangles per region, boundary sides, rows and prescribed values."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -144,10 +145,14 @@ class System:
         loaded = tuple((b.load, sides.select(sides.label == b.label)) for b in pressed if b.load for sides in around)
         return cls(problem, mesh, fluid, solids, _rows(problem, mesh, fluid, solids, None), None, loaded)
 
-    def stepping(self, old: RawState, step: Step, reservoir: float = 0.0) -> "System":
-        """Return the system of one time step from the state ``old`` and the ``reservoir`` pressure of its outlet."""
+    def stepping(self, old: RawState, step: Step, reservoir: float | Mapping[str, float] = 0.0) -> "System":
+        """Return the system of one step from the state ``old`` and the ``reservoir`` pressures of its outlets by name.
+
+        A number is that of the only outlet.
+        """
+        reservoirs = reservoir if isinstance(reservoir, Mapping) else {"": reservoir}
         rows = _rows(self.problem, self.mesh, self.fluid, self.solids, step.time)
-        return replace(self, rows=rows, increment=Increment(old, step, reservoir))
+        return replace(self, rows=rows, increment=Increment(old, step, reservoirs))
 
 
 def _elements(mesh: RawMesh, region: int) -> Elements:

@@ -297,7 +297,8 @@ class Scene(Table):
                         yield Problem(f"solid.{name}.{key}", text, short(getattr(solid, key)))
             return
         mixed = sum(solid.mixed for solid in self.solid.values())
-        stores = self.only_outlet is not None and self.only_outlet.law.stores
+        outlets = [self.only_outlet] if self.only_outlet else self.outlets.values()
+        stores = any(outlet.law.stores for outlet in outlets)
         initial = self.time.initial_state
         yield from start_problems(self.start, initial, self.exact_areas(), mixed, bool(self.solid), stores)
 

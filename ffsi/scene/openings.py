@@ -109,9 +109,6 @@ def opening_problems(
     for name, outlet in outlets.items():
         if outlet.hydrostatic and not weight:
             yield Problem(f"outlet.{name}.hydrostatic", "only accepted in a scene with a table gravity", "true")
-        if outlet.law.stores and time is not None:
-            text = "in time only accepted as the only outlet, in the table outlet"
-            yield Problem(f"outlet.{name}.kind", text, short(outlet.kind))
 
 
 def _name_problems(role: str, tables: Mapping[str, object], geometry: ChannelGeometry) -> Iterator[Problem]:

@@ -16,6 +16,11 @@ def has_openings(scene: Scene) -> bool:
     return bool(scene.outlets) or any(inlet.pressure is not None for inlet in scene.inlet.values())
 
 
+def has_reservoirs(scene: Scene) -> bool:
+    """Return whether what is behind one of several outlets stores fluid in time."""
+    return scene.time is not None and any(outlet.law.stores for outlet in scene.outlets.values())
+
+
 def openings(scene: Scene, outline: list[Boundary]) -> dict[str, Any]:
     """Return the macros of inlets and openings by name, and the profiles; nothing of scenes with one of each."""
     found: dict[str, Any] = {"inlets": {}, "openings": {}, "inlet_profiles": [], "inlet_factors": ""}
@@ -59,6 +64,8 @@ def _inlets(scene: Scene, names: list[str]) -> dict[str, Any]:
 def _openings(scene: Scene, sides: list[Boundary]) -> dict[str, str]:
     """Return, of each opening, P, the factor of time on it, R, and what the stabilisation against backflow weighs."""
     values: dict[str, list[str]] = {"openingPressures": [], "openingResistances": []}
+    stored = has_reservoirs(scene)
+    values |= {"openingCompliances": [], "openingDistalResistances": []} if stored else {}
     factors, weights = [], []
     for side in sides:
         name = side.opening or ""
@@ -68,6 +75,13 @@ def _openings(scene: Scene, sides: list[Boundary]) -> dict[str, str]:
         values["openingPressures"].append("0." if table.pressure is None else _variable(where, name, "pressure"))
         behind = ("resistance", "proximal_resistance", "distal_resistance")
         given = [_variable(where, name, key) for key in behind if getattr(table, key, None) is not None]
+        if stored:
+            stores = isinstance(table, Outlet) and table.law.stores
+            distal = given.pop() if stores else "1."
+            compliance = _variable(where, name, "compliance") if stores else "0."
+            given += [f"timeTheta/({compliance}/timeK + timeTheta/{distal})"] if stores else []
+            values["openingCompliances"].append(compliance)
+            values["openingDistalResistances"].append(distal)
         values["openingResistances"].append(" + ".join(given) or "0.")
         factors.append(_factor(scene, name) if inlet else "Ramp(at)")
         if getattr(table, "backflow", None) is not None:

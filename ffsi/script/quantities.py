@@ -50,8 +50,9 @@ def _has_whole_cylinder(scene: Scene) -> bool:
 _DROP = " - ".join(f"int1d(Th, {end})(p)/int1d(Th, {end})(1.)" for end in ("inletLabels", "outletLabels"))
 _BOTH, _POINTS, _FLOW, _PARTS = ("sweep", "points"), ("points",), ("flow",), ("parts",)
 _TIP, _ROOF, _JACOBIAN = "Tip displacement", "Displacement of the roof's middle", "Smallest J = det F"
-_FLOW_THROUGH, _PRESSURE_AT = (
+_FLOW_THROUGH, _RESERVOIR, _PRESSURE_AT = (
     Quantity("flow_through", "m²/s", tables=_FLOW),
+    Quantity("windkessel", "Pa", tables=_FLOW),
     Quantity("pressure_at", "Pa", tables=_FLOW),
 )
 QUANTITIES = (
@@ -80,6 +81,7 @@ QUANTITIES = (
     Quantity("pressure_drop", "Pa", tables=_FLOW, formula=f"unitPressure*({_DROP})", where=_has_velocity_inlet),
     _FLOW_THROUGH,
     _PRESSURE_AT,
+    _RESERVOIR,
     Quantity("dome_inflow", "m²/s", tables=_FLOW),
     Quantity("dome_area", "m²", tables=_FLOW),
     Quantity("turnover_time", "s", tables=_FLOW),
@@ -102,7 +104,12 @@ def _of_opening(scene: Scene, side: Boundary) -> list[Quantity]:
     """Return the flow rate through one of several inlets (inwards) or outlets (outwards), and its mean pressure."""
     sign, name, on = "-" if side.opening in scene.inlet else "", f"_{side.opening}", f"int1d(Th, {side.label})"
     flow = f"{sign}unitVelocity*unitLength*{on}(vx*N.x+vy*N.y)"
-    return [
+    found = [
         replace(_FLOW_THROUGH, name=_FLOW_THROUGH.name + name, formula=flow, history=True),
         replace(_PRESSURE_AT, name=_PRESSURE_AT.name + name, formula=f"unitPressure*{on}(p)/{on}(1.)", history=True),
     ]
+    if scene.time and side.opening in scene.outlets and scene.outlets[side.opening].law.stores:
+        number = [each.label for each in boundaries(scene) if each.role == "outlet"].index(side.label)
+        formula = f"unitPressure*openingReservoir[{number}]"
+        found.append(replace(_RESERVOIR, name=_RESERVOIR.name + name, formula=formula, history=True))
+    return found

@@ -28,7 +28,7 @@ from ffsi.scene.units import Quantity
 from ffsi.scene.validation import of_field
 from ffsi.script import flux_tables
 from ffsi.script.formula import with_formulas
-from ffsi.script.openings import has_openings, openings
+from ffsi.script.openings import has_openings, has_reservoirs, openings
 from ffsi.script.parameters import OF_CONSISTENCY, Parameter, units_of
 from ffsi.script.quantities import reported
 from ffsi.script.walls import held_sides, is_fixed, is_held, moving_walls, named_loads
@@ -340,6 +340,7 @@ def _structure(scene: Scene, *, parts: bool, varying: bool) -> list[str]:
         "hasNamedInlets": scene.inlet,
         "hasInlets": scene.inflow or any(inlet.pressure is None for inlet in scene.inlet.values()),
         "hasOpenings": has_openings(scene),
+        "hasReservoirs": has_reservoirs(scene),
         "hasStraightInlets": any(inlet.direction == "normal" for inlet in scene.inlet.values()),
         "hasDoNothing": pressed_inlets or any(each.kind != "zero-traction" for each in outlets),
         "hasOutletPressure": pressed,

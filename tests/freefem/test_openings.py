@@ -7,7 +7,7 @@ from structured import structured_mesh
 from test_walls import RUBBER, WATER, state_of
 
 from ffsi.result.domain import intended
-from ffsi.run.one_scene import solve
+from ffsi.run.one_scene import resume, solve
 from ffsi.scene import Scene, SceneError, load_scene, with_values
 
 LENGTH, RHO, MU = 3.0, WATER["density"], WATER["viscosity"]
@@ -165,6 +165,59 @@ def test_a_built_in_channel_has_them_too(tmp_path):
     result = solve(Scene.model_validate({"name": "pipe", **tables}), tmp_path / "run")
     assert result.checked
     poiseuille(result, 2)
+
+
+def windkessels(folder, **time) -> Scene:
+    """A plug between slip sides, pushed into a Windkessel of its own behind each half of the outlet."""
+    inlets = {name: {"pressure": 2, "waveform": "t"} for name in ("low", "high")}
+    behind = {"kind": "windkessel", "proximal_resistance": 1.0, "distal_resistance": 4.0, "compliance": 0.05}
+    outlets = {"bottom": behind | {"pressure": 0.3}, "top": behind | {"pressure": 0.3}}
+    return channel(folder, slip=True, inlet=inlets, outlet=outlets, time=time)
+
+
+def test_each_outlet_has_a_windkessel_of_its_own(tmp_path):
+    """Between slip walls rho L dU/dt = P t - R_p Q - p_c for each half, C dp_c/dt + (p_c - P_d)/R_d = Q = U/2."""
+    k = 0.05
+    result = solve(windkessels(tmp_path, step=k, end=8 * k, scheme="crank-nicolson"), tmp_path / "run")
+    assert result.checked, result.reason
+    speed, stored, flows, pressures = 0.0, 0.3, [], []
+    for n in range(8):
+        # unknowns: U and p_c at the end, theta = 1/2
+        matrix = np.array([[RHO * LENGTH / k + 0.25, 0.5], [-0.25, 0.05 / k + 0.125]])
+        right = [
+            RHO * LENGTH / k * speed + 2 * (n + 0.5) * k - 0.25 * speed - 0.5 * stored,
+            0.25 * speed + 0.05 / k * stored - 0.125 * stored + 0.3 / 4,
+        ]
+        speed, stored = np.linalg.solve(matrix, right)
+        flows.append(speed / 2)
+        pressures.append(stored)
+    for name in ("bottom", "top"):
+        np.testing.assert_allclose(result.history[f"flow_through_{name}"], flows, rtol=1e-8)
+        np.testing.assert_allclose(result.history[f"windkessel_{name}"], pressures, rtol=1e-8)
+    last = result.history.iloc[-1]
+    assert last["kinetic"] + last["dissipated"] == pytest.approx(last["work"], rel=1e-9)
+
+
+def test_windkessels_go_on_from_a_checkpoint(tmp_path):
+    whole = solve(windkessels(tmp_path, step=0.05, end=0.4), tmp_path / "whole")
+    solve(windkessels(tmp_path, step=0.05, end=0.2, checkpoint_interval=0.05), tmp_path / "run")
+    later = resume(tmp_path / "run", end=0.4)
+    assert later.checked, later.reason
+    for key in ("windkessel_bottom", "flow_through_top"):
+        np.testing.assert_allclose(later.history[key], whole.history[key], rtol=1e-12)
+
+
+LATE = {
+    "reservoir": ("StepReservoirs(oldX, X);", "StepReservoirs(X, X);"),
+    "balance": ("(flow + d*openingFactor[j]", "(flow - d*openingFactor[j]"),
+    "pressure": ("(1-timeTheta)*openingReservoir[j];", "timeTheta*openingReservoir[j];"),
+}
+
+
+@pytest.mark.parametrize("name", LATE)
+def test_a_wrong_windkessel_is_caught(name, tmp_path, broken_script):
+    broken_script(*LATE[name])
+    assert not solve(windkessels(tmp_path, step=0.05, end=0.4), tmp_path / "run").checked
 
 
 # A wrong script does not pass.
