@@ -97,6 +97,32 @@ class Expression:
         text = " + ".join([f"({(value[0] + value[-1]) / 2!r})", *terms])
         return cls(text, tuple(variables), ast.parse(text, mode="eval").body)
 
+    @classmethod
+    def spline(cls, at: Sequence[float], value: Sequence[float], variables: Sequence[str]) -> Expression:
+        """Return the formula of a cubic spline through samples, in the first variable, for values between them.
+
+        At the first sample its slope is 0, at the last one its second derivative. It is a cubic polynomial and, for
+        every sample between, half the change of its cubic coefficient times the distance from it cubed.
+        """
+        from scipy.interpolate import CubicSpline
+
+        found = CubicSpline(at, value, bc_type=((1, np.array(0.0)), (2, np.array(0.0))))
+        halves, middle = np.diff(found.c[0]) / 2, (at[0] + at[-1]) / 2
+        # in the distance from the middle, where less cancels
+        whole = np.polynomial.Polynomial(found.c[::-1, 0])(np.polynomial.Polynomial([middle - at[0], 1.0]))
+        for half, place in zip(halves, at[1:-1], strict=True):
+            whole += half * np.polynomial.Polynomial([middle - place, 1.0]) ** 3
+        u = f"({variables[0]} - ({float(middle)!r}))"
+        terms = [f"({float(c)!r})*{u}**{n}" for n, c in enumerate(whole.coef[1:], start=1)]
+        terms += [
+            f"({float(half)!r})*(({variables[0]} - ({float(x)!r}))**2)**1.5"
+            for half, x in zip(halves, at[1:-1], strict=True)
+        ]
+        text = " + ".join(terms)
+        first = cls(text, tuple(variables[:1]), ast.parse(text, mode="eval").body).evaluate(**{variables[0]: at[0]})
+        text = f"({float(value[0] - first)!r}) + {text}"
+        return cls(text, tuple(variables), ast.parse(text, mode="eval").body)
+
     def evaluate(self, **values: ArrayLike) -> Values:
         """Return the formula's values for arrays (or numbers) of its variables.
 

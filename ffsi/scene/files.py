@@ -120,7 +120,7 @@ def _located(table: dict[str, Any], folder: Path) -> dict[str, Any]:
         if name in table:
             table = {**table, name: located(table[name], key)}
     driven = [(tables, "waveform_file") for tables in ("inlet", "loads", "point_forces")]
-    for tables, key in (*driven, ("inlet", "profile_file")):
+    for tables, key in (*driven, ("inlet", "profile_file"), ("walls", "displacement_file")):
         if isinstance(found := table.get(tables), dict):
             table = {**table, tables: {name: located(inner, key) for name, inner in found.items()}}
     return table

@@ -2,18 +2,22 @@
 
 import math
 from collections.abc import Iterator, Mapping
-from typing import Annotated, Any
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Any, Self
 
 import numpy as np
-from pydantic import Field, field_validator
+from pydantic import Field, field_validator, model_validator
 
 from ffsi.files.arrays import Floats
 from ffsi.scene.base import Table, refuse
 from ffsi.scene.boundaries import Boundary
-from ffsi.scene.errors import Problem, join, names, nearest, short
+from ffsi.scene.errors import Problem, SceneError, join, names, nearest, short
 from ffsi.scene.expressions import Expression, ExpressionError
 from ffsi.scene.geometry import GeometryBase, MeshGeometry
-from ffsi.scene.units import Coordinate, Quantity
+from ffsi.scene.samples import FEWEST, MOST
+from ffsi.scene.units import Coordinate, Number, Quantity
+from ffsi.scene.waveforms import read_samples
 
 TIME = ("t",)
 PLACE = ("x", "y", "t")
@@ -40,6 +44,27 @@ def readable(text: str | None, *, variables: tuple[str, ...] = TIME, said: str =
     except ExpressionError as error:
         refuse([Problem("", f"{error}; accepted: a formula in {said}", short(text))])
     return text
+
+
+class Motion(Table):
+    """A displacement at times; a cubic spline between them, at rest at first."""
+
+    at: tuple[Number, ...] = Field(description="numbers of s, from 0, increasing, dimensionless")
+    x: tuple[Number, ...] = Field(description="numbers of m, the x components, 0 at first, dimensionless")
+    y: tuple[Number, ...] = Field(description="numbers of m, the y components, 0 at first, dimensionless")
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        if not FEWEST <= len(self.at) <= MOST:
+            refuse([Problem("at", f"accepted: {FEWEST} to {MOST} numbers", short(len(self.at)))])
+        if (np.diff(self.at) <= 0).any() or self.at[0] != 0:
+            refuse([Problem("at", "accepted: increasing numbers from 0 on", short(self.at[0]))])
+        for key in ("x", "y"):
+            values = getattr(self, key)
+            if len(values) != len(self.at) or values[0] != 0:
+                text = f"accepted: as many numbers as at, {len(self.at)}, the first 0"
+                refuse([Problem(key, text, short(values[0]) if values else None)])
+        return self
 
 
 class Wall(Table):
@@ -69,17 +94,47 @@ class Wall(Table):
         None, description="formula in x, y (m) and t (s): y component of the displacement in m, 0 at t = 0"
     )
 
+    displacement_file: str | None = Field(
+        None,
+        description="or a CSV file of a displacement without rotation, columns t (s), x and y (m), from 0 at t = 0 to "
+        "time.end, a cubic spline between; beside the scene's file",
+    )
+    displacement_samples: Motion | None = Field(None, description="the displacement of such a file")
+
     _readable = field_validator("waveform")(readable)
     _smooth = field_validator("displacement_x", "displacement_y")(_motion)
+
+    @model_validator(mode="after")
+    def _complete(self) -> Self:
+        formulas = self.displacement_x is not None or self.displacement_y is not None
+        given = ["displacement_x, displacement_y"] if formulas else []
+        given += [key for key in ("displacement_file", "displacement_samples") if getattr(self, key) is not None]
+        if len(given) > 1:
+            refuse([Problem(given[1], f"{' and '.join(given)} are given; accepted: one of them")])
+        if self.displacement_file is not None:
+            try:
+                columns = read_samples(Path(self.displacement_file), ["t", "x", "y"], FEWEST)
+            except ValueError as error:
+                refuse([Problem("displacement_file", str(error), short(self.displacement_file))])
+            try:
+                samples = Motion.model_validate(dict(zip(("at", "x", "y"), (c.tolist() for c in columns), strict=True)))
+            except SceneError as error:
+                refuse([replace(problem, key=f"displacement_samples.{problem.key}") for problem in error.problems])
+            self.fill(displacement_file=None, displacement_samples=samples)
+        return self
 
     @property
     def displaced(self) -> bool:
         """Whether the mesh moves with it."""
-        return self.displacement_x is not None or self.displacement_y is not None
+        given = (self.displacement_x, self.displacement_y, self.displacement_samples)
+        return any(each is not None for each in given)
 
     @property
     def displacement(self) -> tuple[Expression, Expression]:
         """The displacement (x, y) as formulas in x, y (m) and t (s), m; zero along an axis that has none."""
+        if (samples := self.displacement_samples) is not None:
+            x, y = (Expression.spline(samples.at, values, ("t", "x", "y")) for values in (samples.x, samples.y))
+            return x, y
         x, y = (Expression.parse(text or "0", PLACE) for text in (self.displacement_x, self.displacement_y))
         return x, y
 
@@ -138,9 +193,9 @@ def wall_problems(
             yield Problem(f"walls.{name}", text, None, nearest(name, able))
         elif end is None:
             text = "only accepted in a scene with a table time (time.step and time.end)"
-            for key in ("waveform", "displacement_x", "displacement_y"):
+            for key in ("waveform", "displacement_x", "displacement_y", "displacement_samples"):
                 if (value := getattr(walls[name], key)) is not None:
-                    yield Problem(f"walls.{name}.{key}", text, short(value))
+                    yield Problem(f"walls.{name}.{key}", text, short(value) if isinstance(value, str) else None)
     for name in known if own else ():
         if name not in walls:
             yield Problem(f"walls.{name}", "missing; geometry.moving names a wall that moves")
@@ -159,6 +214,10 @@ def _displacement_problems(
         if getattr(wall, key):
             text = "not accepted beside a displacement, whose rate is the velocity"
             yield Problem(f"walls.{name}.{key}", text, short(getattr(wall, key)))
+    if (samples := wall.displacement_samples) is not None and end is not None and samples.at[-1] < end * (1 - 1e-9):
+        text = f"ends at t = {short(samples.at[-1])} s; accepted: at time.end or later, {short(end)} s"
+        yield Problem(f"walls.{name}.displacement_samples.at", text)
+        return
     points = points_of(boundary, geometry)
     if points is None:
         yield Problem(f"walls.{name}", f'the wall "{name}" of this geometry can have no displacement')
@@ -169,7 +228,7 @@ def _displacement_problems(
         if not (np.isfinite(values[axis]).all() and np.isfinite(rates[axis]).all()):
             text = "it or its rate is not defined everywhere from t = 0 to time.end"
             yield Problem(f"walls.{name}.{key}", text, short(formula.text))
-        elif first > _REST * np.ptp(points, axis=0).max():
+        elif wall.displacement_samples is None and first > _REST * np.ptp(points, axis=0).max():
             yield Problem(f"walls.{name}.{key}", f"it is not 0 at t = 0 but {first:.3g} m", short(formula.text))
 
 

@@ -86,8 +86,8 @@ def read_waveform(path: Path, harmonics: int, period: float | None = None) -> Fo
 
 def read_samples(
     path: Path, columns: Sequence[str] = COLUMNS, fewest: int = FEWEST_ROWS
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return both columns of a CSV file, of which the first increases.
+) -> tuple[NDArray[np.float64], ...]:
+    """Return the columns of a CSV file, of which the first increases.
 
     Raises:
         ValueError: in words: the file cannot be read, or is no such table.
@@ -115,4 +115,4 @@ def read_samples(
     if late.size:
         what = "times" if columns[0] == "t" else f"values of {columns[0]}"
         raise ValueError(f"the {what} must increase; that of row {late[0] + 2} does not")
-    return numbers[:, 0], numbers[:, 1]
+    return tuple(numbers.T)

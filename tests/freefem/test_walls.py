@@ -5,6 +5,7 @@ import pytest
 from conftest import scene_of
 from own_mesh import scene_on, write_mesh
 from recipes import copy_program, refused
+from scipy.interpolate import CubicSpline
 from structured import structured_mesh
 
 from ffsi.files.arrays import read_mesh, read_state
@@ -335,6 +336,38 @@ REFUSED_MOTION = [
     ({"displacement_x": "abs(t)"}, 'the function "abs" has no derivative everywhere; accepted: a smooth formula'),
     ({"displacement_x": "z*t"}, 'unknown name "z"; accepted: "x", "y", "t"'),
 ]
+
+
+def moved_by_file(folder, rows: str, **tables) -> Scene:
+    (folder / "motion.csv").write_text(rows)
+    return cylinder(folder, walls={"piston": {"displacement_file": str(folder / "motion.csv")}}, **tables)
+
+
+def test_a_piston_moves_as_a_file_says(tmp_path):
+    at = np.linspace(0, 0.7, 15)
+    x = 0.3 * at**2 * np.cos(9 * at)
+    rows = "".join(f"{a},{b},0\n" for a, b in zip(at.tolist(), x.tolist(), strict=True))
+    scene = moved_by_file(tmp_path, "t, x, y\n" + rows)
+    result = solve(scene, tmp_path / "run")
+    assert result.checked, result.reason
+    spline = CubicSpline(at, x, bc_type=((1, 0.0), (2, 0.0)))
+    flow = result.history["flow_through_out"] - result.history["flow_through_open"]
+    np.testing.assert_allclose(flow, spline(result.history["time"], 1), rtol=0, atol=1e-9)
+    assert load_scene(tmp_path / "run/scene.toml") == scene
+
+
+FILES = [
+    ("t,x\n0,0\n1,1\n", r"displacement_file.*the columns are t, x; accepted: t, x, y"),
+    ("t,x,y\n0,0,0\n0.5,1,1\n", r"displacement_samples\.at: ends at t = 0\.5 s; accepted: at time\.end or later"),
+    ("t,x,y\n0,0,0.1\n1,1,1\n", r"displacement_samples\.y = 0\.1: accepted: as many numbers as at, 2, the first 0"),
+    ("t,x,y\n0.1,0,0\n1,1,1\n", r"displacement_samples\.at = 0\.1: accepted: increasing numbers from 0 on"),
+]
+
+
+@pytest.mark.parametrize(("rows", "text"), FILES)
+def test_files_of_motion_that_are_refused(rows, text, tmp_path):
+    with pytest.raises(SceneError, match=text):
+        moved_by_file(tmp_path, rows)
 
 
 @pytest.mark.parametrize(("wall", "text"), REFUSED_MOTION)
