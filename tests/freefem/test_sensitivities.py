@@ -16,7 +16,7 @@ from ffsi.run.sensitivities import refuse_unknown
 from ffsi.scene import CASES
 
 STEADY = [name for name, scene in CASES.items() if scene.time is None]
-STEP = 1e-3
+STEP = 3e-3
 EXACT = "solver.tolerance=1e-12"
 # Of the quantity, per relative change of the parameter: what is left of a solution's rounding over the step.
 NOISE = 1e-9
