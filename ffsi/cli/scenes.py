@@ -217,7 +217,7 @@ def new(
     mesh: Annotated[str | None, _option("mesh", "The mesh file, for --geometry mesh.", "FILE")] = None,
     unit: Annotated[str | None, _option("unit", "Its unit of length.")] = None,
     inlet: Annotated[str | None, _option("inlet", "Its inlet; none without a fluid.", "NAME")] = None,
-    outlet: Annotated[str | None, _option("outlet", "Its outlet.", "NAME")] = None,
+    outlet: Annotated[str | None, _option("outlet", "Its outlet, or several: a,b.", "NAME")] = None,
     clamped: Annotated[str | None, _option("clamped", "Where its solids are held; none: nowhere.", "NAME")] = None,
 ) -> None:
     """Write a scene to begin with, with comments; on a terminal it asks what no option says (six questions at most).

@@ -50,7 +50,7 @@ class Answers:
         mesh: path of a mesh file, only of the geometry "mesh", as what follows.
         unit: its unit of length.
         inlet: name of the inlet there; "none" for a solid alone.
-        outlet: name of the outlet.
+        outlet: name of the outlet, or of several, between commas.
         clamped: name of the boundary where solids are held, "none" without any.
     """
 
@@ -229,14 +229,15 @@ def _of_mesh(answers: Answers) -> dict[str, Any]:
     curves = [group.title for group in file.curves]
     beside = _beside(file)
     inlet, outlet, clamped = (getattr(answers, key) or guess(key, curves) for key in ("inlet", "outlet", "clamped"))
-    for key, name in (("inlet", inlet), ("outlet", outlet), ("clamped", clamped)):
+    outlets = [name.strip() for name in outlet.split(",")]
+    for key, name in (("inlet", inlet), *(("outlet", name) for name in outlets), ("clamped", clamped)):
         if name not in (*curves, NONE):
             text = f"no boundary of the mesh; accepted: {names([*curves, NONE])}"
             raise SceneError([Problem(key, text, short(name), nearest(name, curves))])
     wet = {region for regions in beside.get(inlet, ()) for region in regions}
     walls = [
         curve for curve, regions in beside.items()
-        if curve not in (inlet, outlet) and regions and all(len(at) == 1 and set(at) <= wet for at in regions)
+        if curve not in (inlet, *outlets) and regions and all(len(at) == 1 and set(at) <= wet for at in regions)
     ]  # fmt: skip
     solids = {_plain(group.title): group.title for group in file.regions if group.title not in wet}
     sides = {"inlet": inlet, "outlet": outlet} if wet else {}
@@ -246,6 +247,10 @@ def _of_mesh(answers: Answers) -> dict[str, Any]:
     regions = {"fluid": sorted(wet) if len(wet) > 1 else next(iter(wet))} if wet else {}
     geometry = {"kind": MESH, "file": answers.mesh, "unit": answers.unit or "m", "regions": {**regions, **solids}}
     flow: dict[str, Any] = copy.deepcopy({"fluid": _WATER, **_FLOW}) if wet else {"gravity": {"y": "-9.81 m/s^2"}}
+    if wet and len(outlets) > 1:
+        del boundaries["outlet"]
+        geometry["outlets"] = {_plain(name): name for name in outlets}
+        flow["outlet"] = {_plain(name): dict(_FLOW["outlet"]) for name in outlets}
     found = {"geometry": {**geometry, "boundaries": boundaries}, **flow}
     return {**found, "solid": {name: dict(_WALL) for name in solids}} if solids else found
 

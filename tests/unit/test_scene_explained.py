@@ -140,6 +140,15 @@ def test_names_are_guessed_in_a_draft_of_ones_own_mesh(tmp_path):
     assert guess("inlet", ["a"]) == "none"
 
 
+def test_a_draft_has_several_outlets(tmp_path):
+    vessel().write(tmp_path / "vessel.msh")
+    text = draft("d", Answers("mesh", mesh=str(tmp_path / "vessel.msh"), inlet="in", outlet="out, inner"), tmp_path)
+    scene = tomllib.loads(text)
+    assert scene["geometry"]["outlets"] == {"out": "out", "inner": "inner"}
+    assert "outlet" not in scene["geometry"]["boundaries"]
+    assert scene["outlet"] == {"out": {"kind": "do-nothing"}, "inner": {"kind": "do-nothing"}}
+
+
 def test_the_command_writes_a_scene_without_a_question(capsys, monkeypatch):
     monkeypatch.setattr(Prompt, "ask", None)
     code, out, err = call(capsys, "new", "My scene.toml", "--geometry", "channel-cylinder", "--solve", "fluid")
