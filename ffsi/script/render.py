@@ -387,7 +387,7 @@ def _machinery(scene: Scene) -> list[str]:
     loaded = scene.loads or scene.traction or scene.point_forces
     flow = [*(["loads"] if loaded else []), *(["outlet"] if special else [])]
     flow += ["openings"] if has_openings(scene) else []
-    flow += ["constant-rows", "elements", "residual", "jacobian", "newton", *(["forces"] if scene.fluid else [])]
+    flow += ["constant-rows", "residual", "jacobian", "newton", *(["forces"] if scene.fluid else [])]
     return [*flow, "output", "evidence", *last]
 
 
