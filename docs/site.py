@@ -1,5 +1,6 @@
 """Hooks of MkDocs: files outside of this folder that pages link to, tables and pictures among them, come along."""
 
+import posixpath
 import re
 from pathlib import Path
 from typing import Any
@@ -31,15 +32,15 @@ def on_files(files: Files, config: Any) -> Files:
 
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
     """Lead links out of `docs/` into the site, and those of pages from outside into it."""
-    depth = page.file.src_uri.count("/")
+    folder = posixpath.dirname(page.file.src_uri)
     outside = (ROOT / page.file.src_uri).is_file()
 
     def lead(match: re.Match[str]) -> str:
         up, name, anchor = match.groups()
-        if outside and not depth and name.startswith("docs/"):
-            return f"]({name.removeprefix('docs/')}{anchor})"
-        if outside and not depth and name == "README.md":
-            return "](index.md)"
-        return f"]({name}{anchor})" if up and not depth and not outside else match.group(0)
+        if outside:
+            target = posixpath.normpath(posixpath.join(folder, up + name))
+            target = "index.md" if target == "README.md" else target.removeprefix("docs/")
+            return f"]({posixpath.relpath(target, folder or '.')}{anchor})"
+        return f"]({name}{anchor})" if up and not folder else match.group(0)
 
     return LINK.sub(lead, markdown)

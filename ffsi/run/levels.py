@@ -31,7 +31,7 @@ def levels(
     """Solve a scene, steady or in time, on at least three levels of its mesh, as a sweep over `mesh.level` in `out`.
 
     Args:
-        scene, out, jobs, check, on_event: as of `sweep`.
+        scene: as of `sweep`, and so are `out`, `jobs`, `check` and `on_event`.
         levels: of the mesh, from coarse to fine.
 
     Returns:

@@ -33,7 +33,7 @@ _WATER = {"density": "1000 kg/m^3", "viscosity": "1 mPa s"}
 _WALL = {"material": "neo-hookean", "density": "1100 kg/m^3", "young_modulus": "1 MPa", "poisson_ratio": 0.4}
 _CHANNEL = {"kind": "channel", "length": "2 m", "height": "0.4 m"}
 _FLOW = {"inflow": {"mean_velocity": "1 cm/s"}, "outlet": {"kind": "do-nothing"}}
-_GUESSES = {"inlet": r"^in", "outlet": r"^out", "clamped": r"clamp|fix|held|end|root"}
+_GUESSES = {"inlet": r"^in(?!ner|ter)", "outlet": r"^out(?!er)", "clamped": r"clamp|fix|held|(?<!b)end|root"}
 
 
 @dataclass

@@ -135,8 +135,8 @@ def test_names_are_guessed_in_a_draft_of_ones_own_mesh(tmp_path):
         draft("mine", Answers(MESH, mesh="vessel.msh", outlet="outfow"))
     solid = tomllib.loads(draft("mine", Answers(MESH, mesh="vessel.msh", inlet="none")))
     assert solid["geometry"]["regions"] == {"lumen": "lumen", "wall": "wall"} and "fluid" not in solid
-    found = ["outside", "inflow", "outflow", "left end"]
-    assert [guess(what, found) for what in ("inlet", "outlet", "clamped")] == ["inflow", "outside", "left end"]
+    found = ["inner curve", "outer bend", "inflow", "outflow", "left end"]
+    assert [guess(what, found) for what in ("inlet", "outlet", "clamped")] == ["inflow", "outflow", "left end"]
     assert guess("inlet", ["a"]) == "none"
 
 
