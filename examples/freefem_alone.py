@@ -10,7 +10,7 @@ subprocess.run([sys.executable, "-m", "ffsi", "render", "turek-cfd1", "-o", "cfd
 
 out = Path("runs/direct")
 out.mkdir(parents=True, exist_ok=True)
-debian = {"FF_LOADPATH": "/usr/lib/freefem++;;", "FF_INCLUDEPATH": "/usr/include/freefem++/idp;;"}
+debian = {"FF_LOADPATH": "/usr/lib/freefem++;;"}
 flags = ["-mesh_level", "0", "-inflow_mean_velocity", "0.1", "-out", str(out)]
 subprocess.run(["FreeFem++-nw", "-nw", "-ns", "-v", "0", "cfd1.edp", *flags], check=True, env={**os.environ, **debian})
 

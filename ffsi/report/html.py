@@ -61,7 +61,9 @@ def write_report(
         else:
             sections += [runs.run_section(result, maximum) for result in results]
             what = scene.command(results[0].scene) or "scene.toml"
-            commands.append(f"ffsi run {what} --out {shlex.quote(path.name)}")
+            asked = scene.options(results[0].data)
+            verb = "sensitivities" if results[0].data.get("sensitivities") and not asked else "run"
+            commands.append(f"ffsi {verb} {what} {shlex.join([*asked, '--out', path.name])}")
     names = dict.fromkeys(section.title for section in sections if section.status)
     commands.append(shlex.join(["ffsi", "report", *(path.name for path in paths), "-o", Path(output).name]))
     write_sections(sections, output, title or "Report: " + ", ".join(names), author, commands)

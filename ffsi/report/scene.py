@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 import tomllib
+from collections.abc import Mapping
 from typing import Any
 
 import pandas as pd
@@ -35,6 +36,15 @@ def command(scene: Scene) -> str | None:
     except SceneError:
         return None
     return shlex.join([scene.name, *(part for text in settings for part in ("--set", text))]) if same else None
+
+
+def options(data: Mapping[str, Any]) -> list[str]:
+    """Return the options of `ffsi run` and `ffsi sweep` that led to error bars, or to its mesh, in a result's data."""
+    if not (made := data.get("adaptation")):
+        return ["--error"] if data.get("errors") else []
+    given = [("--tolerance", f"{made['tolerance']:g}"), ("--unknowns", f"{made['unknowns']:.0f}")]
+    limits = [part for pair in given if float(pair[1]) for part in pair]
+    return ["--adapt", ",".join(made["rounds"][0]["quantities"]), *limits]
 
 
 def _flat(scene: Scene) -> dict[str, Any]:

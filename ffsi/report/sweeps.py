@@ -71,7 +71,7 @@ def sweep_section(directory: Path, maximum: int) -> tuple[Section, str]:
     told = [result for result in results if result.failure != "not-reached"]
     of_points = [text for result in told for text in runs.warnings(result, result.not_evaluated)]
     section.notes = [f"{text} ({count} of {len(results)} points)" for text, count in Counter(of_points).items()]
-    return section, _command(directory, definition)
+    return section, _command(directory, definition, last.data)
 
 
 def comparison(results: Sequence[Result], maximum: int) -> Section:
@@ -123,7 +123,7 @@ def gallery(results: Sequence[Result], maximum: int, *, slider: bool = True) -> 
     return [Pictures(f"The {name}" + (" with the same colours" if alike else ""), found, slider)]
 
 
-def _command(directory: Path, definition: Mapping[str, Any]) -> str:
+def _command(directory: Path, definition: Mapping[str, Any], data: Mapping[str, Any]) -> str:
     """Return the command that makes a sweep again."""
     base = scene.command(Scene.model_validate(definition["scene"])) or "scene.toml"
     vary, product = definition["vary"], definition.get("design") == "product"
@@ -131,6 +131,7 @@ def _command(directory: Path, definition: Mapping[str, Any]) -> str:
     if any(value == "" for values in vary.values() for value in values):
         options = ["--points", "points.csv"]  # some points leave a key as the scene has it
     options += [] if product or "--points" in options else ["--design", "zip"]
+    options += [*scene.options(data), *(["--sensitivities"] if data.get("sensitivities") else [])]
     return f"ffsi sweep {base} {shlex.join(options)} --out {shlex.quote(directory.name)}"
 
 

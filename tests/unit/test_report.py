@@ -289,6 +289,23 @@ def test_report_of_a_run(tmp_path):
     assert "(0.01 m here)" in html
 
 
+TO_1_PERCENT = {"tolerance": 0.01, "unknowns": 0, "warnings": [], "rounds": [{"quantities": {"drag": {}, "lift": {}}}]}
+
+
+@pytest.mark.parametrize(
+    ("data", "said"),
+    [
+        ({"errors": {"drag": {}}}, "ffsi run turek-fsi1 --set mesh.level=0 --error --out run"),
+        ({"adaptation": TO_1_PERCENT, "errors": {"drag": {}}}, "--adapt drag,lift --tolerance 0.01 --out run"),
+        ({"adaptation": TO_1_PERCENT | {"tolerance": 0, "unknowns": 9000}}, "--adapt drag,lift --unknowns 9000 --out"),
+        ({"sensitivities": {"drag": {}}}, "ffsi sensitivities turek-fsi1 --set mesh.level=0 --out run"),
+    ],
+)
+def test_the_command_of_a_run_says_what_it_was_asked_for(data, said, tmp_path, quick, no_pictures):
+    write_report([make_run(tmp_path / "run", case="turek-fsi1", **data)], tmp_path / "report.html")
+    assert said in (tmp_path / "report.html").read_text()
+
+
 def test_remarks_follow_material_and_density():
     topics = {
         name: {remark.topic: remark.here for remark in formulas.remarks(load_scene(name, []))}
