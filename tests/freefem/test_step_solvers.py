@@ -59,15 +59,25 @@ def test_where_the_mesh_folds_the_run_starts_again_with_one_that_does_not(tmp_pa
     assert not stated.converged and stated.reason.endswith("mesh_motion.kind = hyperelastic goes further")
 
 
-def test_a_run_with_a_mesh_that_is_not_linear_resumes_to_the_last_digit(tmp_path):
-    settings = ["mesh_motion.kind=hyperelastic", "time.step=0.01", "time.end=0.2", "time.checkpoint_interval=0.08"]
-    whole = run(tmp_path / "run", "turek-fsi3", "inflow.ramp=0.05", *settings)
+RESUMED = {
+    "a mesh that is not linear": (
+        "turek-fsi3", "inflow.ramp=0.05", "mesh_motion.kind=hyperelastic", "time.step=0.01", "time.end=0.2",
+        "time.checkpoint_interval=0.08",
+    ),
+    "steps by earlier ones": ("turek-csm3", "time.step=0.02", "time.end=1.3", "time.checkpoint_interval=0.6"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("settings", RESUMED.values(), ids=RESUMED)
+def test_a_run_resumes_to_the_last_digit(settings, tmp_path):
+    whole = run(tmp_path / "run", *settings)
+    expected = whole.history  # read from the folder that the run goes on in
     for name in ("result.json", "point-0001.json", "point-0001.bin"):
         (whole.directory / name).unlink()
     again = resume(whole.directory)
     assert again.checked
     said = ["seconds"]
-    pd.testing.assert_frame_equal(again.history.drop(columns=said), whole.history.drop(columns=said), check_exact=True)
+    pd.testing.assert_frame_equal(again.history.drop(columns=said), expected.drop(columns=said), check_exact=True)
 
 
 @pytest.mark.parametrize("interval", ["0.04", "10"], ids=["from a checkpoint", "without one"])
