@@ -8,9 +8,10 @@ from pydantic import Field, StrictBool, field_validator, model_validator
 
 from ffsi.scene.base import Table, refuse
 from ffsi.scene.boundaries import Boundary
-from ffsi.scene.errors import Problem, names, nearest, short
+from ffsi.scene.errors import Problem, join, names, nearest, short
 from ffsi.scene.expressions import Expression
 from ffsi.scene.geometry import GeometryBase, MeshGeometry
+from ffsi.scene.geometry.mesh import NAME, NAMES
 from ffsi.scene.samples import Samples, samples_of
 from ffsi.scene.time import Time
 from ffsi.scene.units import Coordinate, FoundationDamping, FoundationStiffness, LineForce, Stress
@@ -112,6 +113,8 @@ def point_force_problems(
         if not isinstance(geometry, MeshGeometry) or not geometry.solid_names:
             yield Problem(f"point_forces.{name}", 'only accepted with geometry.kind = "mesh", in a solid')
             continue
+        if not NAME.fullmatch(name):
+            yield Problem(join("point_forces", name), NAMES)
         yield from geometry.outside_solids(f"point_forces.{name}", force.x, force.y)
         yield from _driven_problems(force, f"point_forces.{name}", time)
 

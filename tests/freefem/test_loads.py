@@ -201,6 +201,12 @@ OUTSIDE = [
 ]
 
 
+@pytest.mark.parametrize("name", ["a-b", "a_b", "A", "a b", "1"])
+def test_names_that_are_none_in_a_script_are_refused(name, tmp_path):
+    with pytest.raises(SceneError, match="accepted as a name: a small letter, then small letters and digits"):
+        forced(tmp_path, {name: {"x": 0.5, "y": 0.5}})
+
+
 @pytest.mark.parametrize(("force", "text"), OUTSIDE)
 def test_forces_that_are_refused(force, text, tmp_path):
     with pytest.raises(SceneError, match=text):

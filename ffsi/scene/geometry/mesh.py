@@ -26,7 +26,8 @@ if TYPE_CHECKING:
 STORED = "geometry.mesh"
 """Name of the mesh in a run folder, where FreeFEM and Python read it."""
 
-_NAME = re.compile(r"[a-z][a-z0-9]{0,29}")
+NAME = re.compile(r"[a-z][a-z0-9]{0,29}")
+NAMES = "accepted as a name: a small letter, then small letters and digits, at most 30 in all"
 # Names that would make two quantities of the results, or two names of the script, the same (a test looks for more).
 TAKEN = ("fluid", "tip", "surface", "coefficient")
 
@@ -150,11 +151,10 @@ class MeshGeometry(ChannelGeometry):
     @field_validator("regions", "parts", "probes", "moving", "loads", "inlets", "outlets")
     @classmethod
     def _plain_names(cls, table: dict[str, Any], info: ValidationInfo) -> dict[str, Any]:
-        accepted = "a small letter, then small letters and digits, at most 30 in all"
         problems = []
         for name in table:
-            if not _NAME.fullmatch(name):
-                problems.append(Problem(name, f"accepted as a name: {accepted}"))
+            if not NAME.fullmatch(name):
+                problems.append(Problem(name, NAMES))
             elif name in TAKEN and (name, info.field_name) != ("fluid", "regions"):
                 problems.append(Problem(name, "this name is taken, another one is needed"))
         refuse(problems)
