@@ -281,7 +281,8 @@ def _ask(answers: Any) -> None:
         ask("unit", "In which unit are its coordinates?", "m", check=trial(unit=""))
         ask("inlet", "Which boundary is the inlet?", drafts.guess("inlet", curves), known)
         if answers.inlet != drafts.NONE:
-            ask("outlet", "Which one is the outlet?", drafts.guess("outlet", curves), known)
+            several = f"Which ones are outlets (a, or a,b) of {', '.join(known)}?"
+            ask("outlet", several, drafts.guess("outlet", curves), check=trial(outlet=""))
         ask("clamped", "Where are solids held?", drafts.guess("clamped", curves), known)
         return
     able = drafts.choices(answers.geometry)

@@ -198,6 +198,14 @@ def test_the_command_asks_about_a_mesh(capsys, monkeypatch, tmp_path):
     assert len(set(asked)) == 6 and load_scene("a.toml").geometry.inlet.height == pytest.approx(3e-3)
 
 
+def test_the_command_asks_for_several_outlets(capsys, monkeypatch, tmp_path):
+    vessel().write(tmp_path / "vessel.msh")
+    asked = terminal(monkeypatch, ["mesh", "vessel.msh", "mm", "in", "out, outsde", "out, inner", ""])
+    code, _, err = call(capsys, "new", "a.toml")
+    assert code == 0 and 'did you mean "outside"?' in err and len(set(asked)) == 6
+    assert {*load_scene("a.toml").outlets} == {"out", "inner"}
+
+
 def test_what_an_option_says_is_not_asked(capsys, monkeypatch):
     asked = terminal(monkeypatch, [""])
     assert call(capsys, "new", "a.toml", "--geometry", "cook", "--end", "steady", "--level", "1")[0] == 0
