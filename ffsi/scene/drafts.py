@@ -18,7 +18,7 @@ from ffsi.scene.base import Table
 from ffsi.scene.errors import Problem, SceneError, join, names, nearest, number_text, short
 from ffsi.scene.files import CASES
 from ffsi.scene.geometry.mesh import TAKEN
-from ffsi.scene.materials import Elastic
+from ffsi.scene.materials import Elastic, NeoHookean
 from ffsi.scene.meshes.reading import MeshFile, read_mesh_file
 from ffsi.scene.model import Scene
 from ffsi.scene.time import Time
@@ -150,6 +150,9 @@ def _physics(table: dict[str, Any]) -> str:
 def _table(answers: Answers) -> dict[str, Any]:
     kind = answers.geometry or FIRST
     _known(kind)
+    for key in ("mesh", "unit", "inlet", "outlet", "clamped"):
+        if kind != MESH and (given := getattr(answers, key)) is not None:
+            raise SceneError([Problem(key, 'only the geometry "mesh" has it', short(given))])
     if kind == MESH:
         table = _of_mesh(answers)
     elif kind == "channel":
@@ -160,9 +163,10 @@ def _table(answers: Answers) -> dict[str, Any]:
         table = {key: value for key, value in base.given().items() if key in known}
         table["solid"] = {name: _constants(solid, answers.material) for name, solid in base.solid.items()}
         _choose(table, answers.what or base.physics)
+    if answers.material is not None and not table.get("solid"):
+        raise SceneError([Problem("material", "there is no solid", short(answers.material))])
     if answers.material is not None and kind == MESH:
-        for solid in table.get("solid", {}).values():
-            solid["material"] = answers.material
+        table["solid"] = dict.fromkeys(table["solid"], _constants(NeoHookean.model_validate(_WALL), answers.material))
     if answers.velocity is not None:
         table.setdefault("inflow", {})["mean_velocity"] = _number(answers.velocity)
     if answers.end not in (None, STEADY):
@@ -247,6 +251,8 @@ def _of_mesh(answers: Answers) -> dict[str, Any]:
     regions = {"fluid": sorted(wet) if len(wet) > 1 else next(iter(wet))} if wet else {}
     geometry = {"kind": MESH, "file": answers.mesh, "unit": answers.unit or "m", "regions": {**regions, **solids}}
     flow: dict[str, Any] = copy.deepcopy({"fluid": _WATER, **_FLOW}) if wet else {"gravity": {"y": "-9.81 m/s^2"}}
+    if outlet == NONE:
+        flow.pop("outlet", None)
     if wet and len(outlets) > 1:
         del boundaries["outlet"]
         geometry["outlets"] = {_plain(name): name for name in outlets}

@@ -117,6 +117,8 @@ def test_a_draft_says_what_its_keys_mean_and_is_as_stiff_as_its_case():
     (Answers(level="9"), "mesh.level"),
     (Answers(MESH), "mesh"),
     (Answers(MESH, mesh="no.msh"), "no.msh"),
+    (Answers("channel", unit="mm"), 'unit = "mm": only the geometry "mesh" has it'),
+    (Answers("channel", material="neo-hookean"), 'material = "neo-hookean": there is no solid'),
 ], ids=str)  # fmt: skip
 def test_an_answer_that_cannot_be_used_is_refused(answers, said):
     with pytest.raises(SceneError) as error:
@@ -133,6 +135,9 @@ def test_names_are_guessed_in_a_draft_of_ones_own_mesh(tmp_path):
     assert Scene.from_toml(text).physics == "fsi"
     with pytest.raises(SceneError, match=r"outfow.*accepted"):
         draft("mine", Answers(MESH, mesh="vessel.msh", outlet="outfow"))
+    closed = draft("mine", Answers(MESH, "fsi", "mooney-rivlin", end="1 s", mesh="vessel.msh", outlet="none"))
+    young, _ = Scene.from_toml(closed).solid["wall"].young_poisson
+    assert "outlet" not in tomllib.loads(closed) and young == pytest.approx(1e6, rel=1e-5)
     solid = tomllib.loads(draft("mine", Answers(MESH, mesh="vessel.msh", inlet="none")))
     assert solid["geometry"]["regions"] == {"lumen": "lumen", "wall": "wall"} and "fluid" not in solid
     found = ["inner curve", "outer bend", "inflow", "outflow", "left end"]
