@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from ffsi.files.arrays import Floats
 from ffsi.reference import materials, viscosity
@@ -13,6 +14,7 @@ from ffsi.reference.conditions import Inflow, Load, Outlet, PointForce, Series, 
 from ffsi.reference.problem import FLUID_REGION, Boundary, Fluid, MeshMotion, Problem, Solid
 from ffsi.reference.step import Step
 from ffsi.scene import Scene, boundaries
+from ffsi.scene.walls import Motion
 
 # Scripts may write their parameters with fewer digits than they compute with.
 _SAME = 1e-9
@@ -194,6 +196,9 @@ def _motion(scene: Scene, name: str | None) -> Callable[[Floats, float], Floats]
     if name is None:
         return None
     wall = scene.walls[name]
+    if wall.displacement_samples is not None:
+        spline = _spline(wall.displacement_samples)
+        return lambda points, time: np.broadcast_to(spline(time, 1), points.shape)
     if (path := _displacement(scene, name)) is not None and scene.time is not None:
         # Its rate by differences of fourth order: the formula's own derivative is the script's.
         h = _STENCIL * scene.time.step
@@ -216,12 +221,20 @@ def _displacement(scene: Scene, name: str | None) -> Callable[[Floats, float], F
     """How far a wall that the mesh follows is from where it was; None of any other."""
     if name is None or not scene.walls[name].displaced:
         return None
+    if (samples := scene.walls[name].displacement_samples) is not None:
+        spline = _spline(samples)
+        return lambda points, time: np.broadcast_to(spline(time), points.shape)
     formulas = scene.walls[name].displacement
 
     def displacement(points: Floats, time: float) -> Floats:
         return np.column_stack([f.evaluate(x=points[:, 0], y=points[:, 1], t=time) for f in formulas])
 
     return displacement
+
+
+def _spline(samples: Motion) -> CubicSpline:
+    """Return how far a wall is, (2,) m, at a time in s: at rest at the first sample, without curvature at the last."""
+    return CubicSpline(samples.at, np.column_stack([samples.x, samples.y]), bc_type=((1, [0.0] * 2), (2, [0.0] * 2)))
 
 
 def _load(scene: Scene, name: str | None) -> Load | None:

@@ -269,11 +269,11 @@ _SLOPES = {
 
 
 def _insert(text: str, **nodes: ast.expr) -> ast.expr:
-    """Return a text as a tree, with trees for its names."""
+    """Return a text as a tree, with trees for its names, which it shares."""
 
     class Names(ast.NodeTransformer):
         def visit_Name(self, node: ast.Name) -> ast.expr:
-            return copy.deepcopy(nodes.get(node.id, node))
+            return nodes.get(node.id, node)
 
     result: ast.expr = Names().visit(ast.parse(text, mode="eval").body)
     return result

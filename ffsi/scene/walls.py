@@ -22,6 +22,8 @@ from ffsi.scene.waveforms import read_samples
 TIME = ("t",)
 PLACE = ("x", "y", "t")
 _REST = 1e-12
+_OFF = 1e-9
+"""Part of the largest displacement by which rounding may take a spline off its samples."""
 _THROUGH = 1e-6
 """Part of the speed of a wall that may go through it."""
 
@@ -228,7 +230,13 @@ def _displacement_problems(
         if not (np.isfinite(values[axis]).all() and np.isfinite(rates[axis]).all()):
             text = "it or its rate is not defined everywhere from t = 0 to time.end"
             yield Problem(f"walls.{name}.{key}", text, short(formula.text))
-        elif wall.displacement_samples is None and first > _REST * np.ptp(points, axis=0).max():
+        elif samples is not None:
+            given = np.array((samples.x, samples.y)[axis])
+            off = np.abs(formula.evaluate(t=np.array(samples.at), x=0.0, y=0.0) - given)
+            if off.max() > _OFF * np.abs(given).max():
+                text = f"too rough for their distances: a spline misses them by {off.max():.1g} m"
+                yield Problem(f"walls.{name}.displacement_samples.{'xy'[axis]}", f"{text}; accepted: a smooth motion")
+        elif first > _REST * np.ptp(points, axis=0).max():
             yield Problem(f"walls.{name}.{key}", f"it is not 0 at t = 0 but {first:.3g} m", short(formula.text))
 
 
