@@ -70,6 +70,19 @@ def beating(t):
     return 1.0 + 0.5 * np.sin(3.0 * t)
 
 
+def waves(x):
+    return vector(np.sin(1.5 * x[:, 0] + x[:, 1]), np.cos(x[:, 0] - 1.2 * x[:, 1]))
+
+
+def parabolas(x):
+    a, b = x.T
+    return vector(a**2 - 0.5 * a * b + b, 0.3 * b**2 + a * b - 0.4 * a)
+
+
+def planes(x):
+    return 0.7 - 0.5 * x[:, 0] + 0.9 * x[:, 1]
+
+
 @dataclass(frozen=True)
 class Exact:
     """Exact fields: u of X; velocity and pressure of the fluid of the place x; velocity and pressure of the solid of X.
@@ -144,3 +157,12 @@ class Exact:
     def solid_force(self, x, t):
         inertia = SOLID_DENSITY * rate(lambda s: self.solid_velocity(x, s), t)
         return inertia - divergence(lambda z: self.solid_stress(z, t), x)
+
+
+def assert_derivative(stress, energy, gradients, tolerance=1e-14):
+    """Compare P (n, 2, 2) with the derivative of an energy by the displacement's gradient, by complex steps."""
+    for i, j in np.ndindex(2, 2):
+        step = np.zeros((2, 2), dtype=complex)
+        step[i, j] = 1e-30j
+        derivative = energy(gradients + step).imag / 1e-30
+        np.testing.assert_allclose(stress[:, i, j], derivative, rtol=0, atol=tolerance * np.abs(stress).max())

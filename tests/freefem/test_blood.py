@@ -42,11 +42,9 @@ def run(tmp_path_factory):
 
 
 @pytest.mark.parametrize(("outlet", "pressure"), [
-    ({"kind": "pressure", "pressure": 3.0}, 3.0),
-    ({"kind": "pressure", "pressure": -1e4}, -1e4),
+    ({"kind": "pressure", "pressure": 3.0}, 3.0), ({"kind": "pressure", "pressure": -1e4}, -1e4),
     ({"kind": "resistance", "resistance": 100.0}, 100 * 0.048),
-    ({"kind": "resistance", "resistance": 100.0, "pressure": 2}, 2 + 100 * 0.048),
-    (WINDKESSEL, 2 + 100 * 0.048),
+    ({"kind": "resistance", "resistance": 100.0, "pressure": 2}, 2 + 100 * 0.048), (WINDKESSEL, 2 + 100 * 0.048),
 ])  # fmt: skip
 def test_a_pressure_behind_the_outlet_shifts_the_whole_pressure(run, outlet, pressure):
     free, shifted = run(rigid()), run(rigid(outlet=outlet))

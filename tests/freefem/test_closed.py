@@ -112,9 +112,7 @@ WRONG = {
 @pytest.mark.parametrize("name", WRONG)
 def test_a_wrong_script_is_caught(name, tmp_path, broken_script):
     broken_script(*WRONG[name])
-    scene = through(tmp_path, fluid={**WATER, "mean_pressure": LEVEL})
-    result = solve(scene, tmp_path / "run")
-    assert not result.checked
+    assert not solve(through(tmp_path, fluid={**WATER, "mean_pressure": LEVEL}), tmp_path / "run").checked
 
 
 BOTH = {"walls": ["right", "low", "high"], "inlet": "left"}

@@ -43,9 +43,7 @@ def oscillator(rate, steps, wave=WAVE):
 
 
 @pytest.mark.parametrize(("damping", "rate"), [
-    ({}, 0.0),
-    ({"viscosity": 3.0}, 3.0 / DENSITY * WAVE**2),
-    ({"mass_damping": 1.5}, 1.5),
+    ({}, 0.0), ({"viscosity": 3.0}, 3.0 / DENSITY * WAVE**2), ({"mass_damping": 1.5}, 1.5),
     ({"viscosity": 3.0, "mass_damping": 1.5}, 1.5 + 3.0 / DENSITY * WAVE**2),
 ])  # fmt: skip
 def test_a_bar_decays_as_an_oscillator(damping, rate, tmp_path):
@@ -94,14 +92,9 @@ WRONG = [
     ("edp/lib/constant-rows.idp", "= stiffness[j];", "= -stiffness[j];"),
 ]
 DAMPED = [
-    "loads.surface.stiffness=1e4",
-    "loads.surface.damping=20",
-    "solid.beam.viscosity=200",
-    "solid.beam.mass_damping=3",
-    "time.end=0.02",
-    "time.stop=none",
-    "mesh.level=0",
-]
+    "loads.surface.stiffness=1e4", "loads.surface.damping=20", "solid.beam.viscosity=200", "solid.beam.mass_damping=3",
+    "time.end=0.02", "time.stop=none", "mesh.level=0",
+]  # fmt: skip
 
 
 def test_a_damped_beam_that_turns_is_checked(solved):

@@ -227,8 +227,7 @@ WRONG = {
 def test_a_wrong_load_is_caught(name, tmp_path, broken_script):
     time = name in ("in time", "waveform")
     wave = {"waveform": "sin(9*t)"} if time else {}
-    right, wrong = WRONG[name]
-    broken_script(right, wrong)
+    broken_script(*WRONG[name])
     result = solve(block(tmp_path, time=time, pressure=-3, traction_y=2, **wave), tmp_path / "run")
     assert not result.checked and "momentum" in result.reason
 

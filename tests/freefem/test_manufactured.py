@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 
+import manufactured
 import numpy as np
 import pytest
 from conftest import scene_of
@@ -74,19 +75,6 @@ def both(
     return Solution({FLUID: fluid, **solid(swing, field(SOLID)).exact}, WEIGHT)
 
 
-def waves(x):
-    return vector(np.sin(1.5 * x[:, 0] + x[:, 1]), np.cos(x[:, 0] - 1.2 * x[:, 1]))
-
-
-def parabolas(x):
-    a, b = x.T
-    return vector(a**2 - 0.5 * a * b + b, 0.3 * b**2 + a * b - 0.4 * a)
-
-
-def planes(x):
-    return 0.7 - 0.5 * x[:, 0] + 0.9 * x[:, 1]
-
-
 def stretch(x):
     return vector(0.9 * x[:, 0] + 0.5 * x[:, 1], 0.4 * x[:, 1] - 0.6 * x[:, 0])
 
@@ -102,7 +90,7 @@ def planes_above(stream: Callable, gradient: tuple[float, float]) -> Solution:
     return both(
         SWINGING, shape=lambda x: 0.3 + 0.8 * x, slope=lambda x: 0.8 + 0.0 * x,
         parts={FLUID: lambda x: vector(0.6 + 0.0 * x[:, 0], 1.6), SOLID: lambda x: vector(-0.5 + 0.0 * x[:, 0], 0.7)},
-        stream=stream, stream_gradient=lambda x: gradient, pressure=lambda x: 5.0 * planes(x),
+        stream=stream, stream_gradient=lambda x: gradient, pressure=lambda x: 5.0 * manufactured.planes(x),
     )  # fmt: skip
 
 
@@ -116,20 +104,20 @@ def thinning(solution: Solution) -> Solution:
 # order only, would set the solid in motion.
 AT_REST = Swing(0.0)
 WAVES = {
-    "solid": solid(AT_REST, lambda x: 0.5 * waves(2 * x)),
+    "solid": solid(AT_REST, lambda x: 0.5 * manufactured.waves(2 * x)),
     "both": both(AT_REST, shape=lambda x: np.sin(2 * x + 0.4), slope=lambda x: 2 * np.cos(2 * x + 0.4),
-        parts={FLUID: lambda x: waves(x)[:, ::-1], SOLID: waves},
+        parts={FLUID: lambda x: manufactured.waves(x)[:, ::-1], SOLID: manufactured.waves},
         stream=lambda x: np.cos(1.2 * x[:, 0] - 0.7 * x[:, 1]),
         stream_gradient=lambda x: np.array([[-1.2], [0.7]]) * np.sin(1.2 * x[:, 0] - 0.7 * x[:, 1]),
         pressure=lambda x: 2.0 * np.cos(2 * x[:, 0] + 1.5 * x[:, 1]) * np.sin(1.0 + x[:, 1])),
 }  # fmt: skip
 # In time: fields that the elements hold exactly, so that every error is one of time.
 EXACT = {
-    "solid": solid(SWINGING, parabolas),
+    "solid": solid(SWINGING, manufactured.parabolas),
     "both": planes_above(lambda x: 1.0 + 0.4 * x[:, 0] - 0.6 * x[:, 1], (0.4, -0.6)),
     # A parabola shears: J = 1, linear F.
     "incompressible": solid(SWINGING, lambda x: vector(x[:, 1] ** 2, 0.0 * x[:, 0]),
-        lambda x, t: 5.0 * beating(t) * planes(x)),
+        lambda x, t: 5.0 * beating(t) * manufactured.planes(x)),
     "mixed": solid(SWINGING, stretch, pressure_of_stretch),
 }  # fmt: skip
 # A fluid on a mesh that moves as told: the same with all of the solid prescribed.

@@ -34,12 +34,10 @@ FORMS = [
 # Other pairs of elastic constants, whose formulas stand in the scripts.
 LAMBDA_MU, MU_NU = {"lame_lambda": 170.0, "lame_mu": 70.0}, {"lame_mu": 70.0, "poisson_ratio": 0.35}
 PAIRS = [
-    ("st-venant-kirchhoff", "displacement", LAMBDA_MU),
-    ("st-venant-kirchhoff", "displacement", MU_NU),
-    ("neo-hookean", "mixed", LAMBDA_MU),
-    ("neo-hookean", "mixed", MU_NU),
+    ("st-venant-kirchhoff", "displacement", LAMBDA_MU), ("st-venant-kirchhoff", "displacement", MU_NU),
+    ("neo-hookean", "mixed", LAMBDA_MU), ("neo-hookean", "mixed", MU_NU),
     ("neo-hookean", "incompressible", {"young_modulus": 210.0}),
-]
+]  # fmt: skip
 FRESH = ("solver.start=rest", "solver.reuse_ratio=0")
 
 

@@ -37,12 +37,8 @@ def channel(folder, *, slip=False, wall=False, **tables) -> Scene:
     sides |= {"clamped": "ends"} if wall else {}
     precise = {"solver": {"step_tolerance": 1e-12}} if "time" in tables else {}
     more = {"solid": {"block": RUBBER}} if wall else {}
-    return scene_on(
-        path,
-        sides,
-        {"fluid": "fluid", **{name: name for name in solid}},
-        **{"fluid": WATER, **precise, **more, **tables},
-    )
+    regions = {"fluid": "fluid"} | {name: name for name in solid}
+    return scene_on(path, sides, regions, **{"fluid": WATER, **precise, **more, **tables})
 
 
 def pressed(value: float) -> dict:
@@ -96,9 +92,7 @@ def test_two_plugs_carry_what_they_are_said_to(tmp_path):
 def test_a_resistance_shares_the_pressure_with_the_channel(tmp_path):
     resistance = 4.0  # of each half of the outlet
     behind = {"kind": "resistance", "resistance": resistance}
-    scene = channel(
-        tmp_path, inlet={"low": {"pressure": 2}, "high": {"pressure": 2}}, outlet=dict(bottom=behind, top=behind)
-    )
+    scene = channel(tmp_path, inlet=BOTH, outlet={"bottom": behind, "top": behind})
     result = solve(scene, tmp_path / "run")
     assert result.checked
     flow = 2 / (12 * MU * LENGTH + resistance / 2)
@@ -207,19 +201,6 @@ def test_windkessels_go_on_from_a_checkpoint(tmp_path):
         np.testing.assert_allclose(later.history[key], whole.history[key], rtol=1e-12)
 
 
-LATE = {
-    "reservoir": ("StepReservoirs(oldX, X);", "StepReservoirs(X, X);"),
-    "balance": ("(flow + d*openingFactor[j]", "(flow - d*openingFactor[j]"),
-    "pressure": ("(1-timeTheta)*openingReservoir[j];", "timeTheta*openingReservoir[j];"),
-}
-
-
-@pytest.mark.parametrize("name", LATE)
-def test_a_wrong_windkessel_is_caught(name, tmp_path, broken_script):
-    broken_script(*LATE[name])
-    assert not solve(windkessels(tmp_path, step=0.05, end=0.4), tmp_path / "run").checked
-
-
 # A wrong script does not pass.
 WRONG = {
     "sign": ("AddPressure(behind, openingDof[j]", "AddPressure(-behind, openingDof[j]"),
@@ -228,12 +209,22 @@ WRONG = {
     "inlet": ("factor*inletFactor[j]*mean[j]", "-factor*inletFactor[j]*mean[j]"),
     "reported": ("-unitVelocity*unitLength*int1d", "unitVelocity*unitLength*int1d"),
 }  # fmt: skip
+WRONG_WINDKESSEL = {
+    "reservoir": ("StepReservoirs(oldX, X);", "StepReservoirs(X, X);"),
+    "balance": ("(flow + d*openingFactor[j]", "(flow - d*openingFactor[j]"),
+    "behind": ("(1-timeTheta)*openingReservoir[j];", "timeTheta*openingReservoir[j];"),
+}
+
+
+@pytest.mark.parametrize("name", WRONG_WINDKESSEL)
+def test_a_wrong_windkessel_is_caught(name, tmp_path, broken_script):
+    broken_script(*WRONG_WINDKESSEL[name])
+    assert not solve(windkessels(tmp_path, step=0.05, end=0.4), tmp_path / "run").checked
 
 
 @pytest.mark.parametrize("name", WRONG)
 def test_a_wrong_script_is_caught(name, tmp_path, broken_script):
-    right, wrong = WRONG[name]
-    broken_script(right, wrong)
+    broken_script(*WRONG[name])
     wave = {"waveform": "sin(9*t)"}
     inlets = {"low": {"pressure": 1, **wave}, "high": {"mean_velocity": 0.1, **wave}}
     outlets = {"bottom": {"kind": "resistance", "resistance": 2}, "top": NONE}

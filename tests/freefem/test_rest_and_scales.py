@@ -52,15 +52,10 @@ def test_a_free_fall_is_one_half_g_t_squared(tmp_path, step, formulation):
     scene = Scene.model_validate({
         "name": "fall",
         "geometry": {"kind": "mesh", "file": str(tmp_path / "block.msh"), "regions": {"block": "block"}},
-        "solid": {
-            "block": {
-                "density": 1000.0,
-                "material": "neo-hookean",
-                "formulation": formulation,
-                "young_modulus": 1e5,
-                **({} if formulation == "incompressible" else {"poisson_ratio": 0.3}),
-            }
-        },
+        "solid": {"block": {
+            "density": 1000.0, "material": "neo-hookean", "formulation": formulation, "young_modulus": 1e5,
+            **({} if formulation == "incompressible" else {"poisson_ratio": 0.3}),
+        }},
         "gravity": {"x": 3.0, "y": -9.81},
         "time": {"scheme": "crank-nicolson", "step": 0.05, "end": 0.5},
         "solver": {"step": step},

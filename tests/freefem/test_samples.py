@@ -69,12 +69,7 @@ def test_a_load_of_samples_is_that_of_the_formula(tmp_path):
     ("y", [0], [1], r"profile_file.*1 rows; at least 2 are needed"),
     ("y", [0, 0], [1, 2], r"profile_file.*the values of y must increase; that of row 2 does not"),
     ("y", [0, 1], [1, "a"], r"profile_file.*row 2 holds no two finite numbers"),
-    (
-        "y",
-        [0, 500, 1000],
-        [0, 1, 0],
-        r"profile_samples.at: reaches from 0 to 1000 m; accepted: 0 to 1 m, the inlet",
-    ),
+    ("y", [0, 500, 1000], [0, 1, 0], r"profile_samples.at: reaches from 0 to 1000 m; accepted: 0 to 1 m, the inlet"),
     ("y", range(101), range(101), r"profile_file.*101 rows; at most 100 are accepted"),
 ])  # fmt: skip
 def test_refused(column, at, value, text, tmp_path):

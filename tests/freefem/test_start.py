@@ -113,8 +113,7 @@ WRONG = {
 
 @pytest.mark.parametrize("name", ["state", "mesh"])
 def test_a_wrong_start_is_caught(name, steady, tmp_path, broken_script):
-    right, wrong = WRONG[name]
-    broken_script(right, wrong)
+    broken_script(*WRONG[name])
     time = {"step": K, "end": 2 * K, "initial": str(steady.directory)}
     level = {"mesh.level": 1} if name == "mesh" else {}  # on its own mesh it follows already
     result = solve(with_values(steady.scene, {"time": time, **level}), tmp_path / "run")

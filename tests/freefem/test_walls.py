@@ -50,8 +50,7 @@ def test_a_uniform_flow_slips_through(time, tmp_path):
     _, state = state_of(result)
     np.testing.assert_allclose(state.v, np.broadcast_to([1.5, 0.0], state.v.shape), rtol=0, atol=1e-9)
     np.testing.assert_allclose(state.p, 0.0, atol=1e-8)
-    again = load_scene(tmp_path / "run/scene.toml")
-    assert again == scene
+    assert load_scene(tmp_path / "run/scene.toml") == scene
 
 
 @pytest.mark.parametrize("profile", ["uniform", "4*y^3"])
@@ -69,8 +68,7 @@ def test_a_flow_between_walls_at_rest_loses_nothing_at_its_ends(profile, tmp_pat
 
 def test_half_a_channel_is_half_of_its_flow(tmp_path):
     half = channel(tmp_path, {"walls": "low", "symmetry": "high"}, inflow={"mean_velocity": 1, "profile": "y*(2*H-y)"})
-    _, state = state_of(solve(half, tmp_path / "run"))
-    mesh = read_mesh(tmp_path / "run/mesh.bin")
+    mesh, state = state_of(solve(half, tmp_path / "run"))
     y = mesh.p2_coordinates[:, 1]
     np.testing.assert_allclose(state.v[:, 0], y * (2 - y), rtol=0, atol=1e-9)
 
@@ -149,13 +147,9 @@ def test_half_of_a_symmetric_scene_is_half_of_it(time, tmp_path):
 )
 def test_a_cylinder_that_turns_lifts(solved, time):
     centre = ("walls.cylinder.centre_x=0.2", "walls.cylinder.centre_y=0.2")
-    slow = "walls.cylinder.rotation=2"
-    turned, back = (solved("cylinder-2d1", *centre, slow.replace("2", speed), *time) for speed in ("2", "-2"))
-    lifts = []
-    for result in (turned, back):
-        assert result.checked
-        lift = result.quantities["lift"]
-        lifts.append(lift if not time else result.history["lift"].iloc[-1])
+    runs = [solved("cylinder-2d1", *centre, f"walls.cylinder.rotation={speed}", *time) for speed in (2, -2)]
+    assert all(run.checked for run in runs)
+    lifts = [run.history["lift"].iloc[-1] if time else run.quantities["lift"] for run in runs]
     assert lifts[0] * lifts[1] < 0
 
 
@@ -168,20 +162,6 @@ def test_what_a_turn_does_to_the_lift(solved):
     assert found == pytest.approx((high - low) / 0.02, rel=1e-3)
     with pytest.raises(InputError, match=r"walls\.cylinder\.centre_x"):
         sensitivities(scene, of=["lift"], to=["walls.cylinder.centre_x"])
-
-
-# A wrong script does not pass.
-WRONG = [
-    ("edp/lib/moving-walls.idp", "v *= -rotation[j]", "v *= rotation[j]"),
-    ("edp/lib/moving-walls.idp", "wallFactor = 1;", "wallFactor = 1.001;"),
-]
-
-
-@pytest.mark.parametrize(("path", "old", "new"), WRONG)
-def test_a_wrong_velocity_of_a_wall_is_caught(path, old, new, tmp_path):
-    root = copy_program(tmp_path / "copy")
-    settings = [f"walls.cylinder.{key}" for key in ("rotation=2", "centre_x=0.2", "centre_y=0.2")]
-    assert "prescribed" in refused(root, path, old, new, "cylinder-2d1", *settings)
 
 
 REFUSED = [
@@ -292,8 +272,7 @@ def linear(time):
 def test_a_piston_drives_a_plug(kind, tmp_path):
     result = solve(cylinder(tmp_path, mesh_motion={"kind": kind}), tmp_path / "run")
     assert result.checked
-    mesh = read_mesh(result.directory / "mesh.bin")
-    state = read_state(result.directory / "point-0001.bin", mesh)
+    mesh, state = state_of(result)
     (place, speed), (before, old_speed) = linear(0.6), linear(0.55)
     np.testing.assert_allclose(state.v, np.broadcast_to([speed, 0.0], state.v.shape), rtol=0, atol=1e-9)
     x = mesh.p2_coordinates[:, 0]
@@ -316,17 +295,21 @@ def test_a_cylinder_that_heaves_is_checked(kind, solved):
     assert result.checked
 
 
-WRONG_MOTION = [
-    ("templates/case.edp.j2", "return {{ formula }};", "return 1.001*({{ formula }});"),
-    ("edp/lib/moving-walls.idp", "c*N2+wallNodes", "(1-c)*N2+wallNodes"),
-    ("ffsi/scene/expressions.py", '"cos": "-sin(u)"', '"cos": "sin(u)"'),
+# A wrong script does not pass.
+TURNS = [f"walls.cylinder.{key}" for key in ("rotation=2", "centre_x=0.2", "centre_y=0.2")]
+HEAVES = ["walls.cylinder.displacement_y=0.01*(1 - cos(4*t))", "time.step=0.02", "time.end=0.06", "inflow.ramp=0.1"]
+WRONG = [
+    (TURNS, "edp/lib/moving-walls.idp", "v *= -rotation[j]", "v *= rotation[j]"),
+    (TURNS, "edp/lib/moving-walls.idp", "wallFactor = 1;", "wallFactor = 1.001;"),
+    (HEAVES, "templates/case.edp.j2", "return {{ formula }};", "return 1.001*({{ formula }});"),
+    (HEAVES, "edp/lib/moving-walls.idp", "c*N2+wallNodes", "(1-c)*N2+wallNodes"),
+    (HEAVES, "ffsi/scene/expressions.py", '"cos": "-sin(u)"', '"cos": "sin(u)"'),
 ]
-CYLINDER = ["walls.cylinder.displacement_y=0.01*(1 - cos(4*t))", "time.step=0.02", "time.end=0.06", "inflow.ramp=0.1"]
 
 
-@pytest.mark.parametrize(("path", "old", "new"), WRONG_MOTION)
-def test_a_wrong_movement_is_caught(path, old, new, tmp_path):
-    assert "prescribed" in refused(copy_program(tmp_path / "copy"), path, old, new, "cylinder-2d1", *CYLINDER)
+@pytest.mark.parametrize(("settings", "path", "old", "new"), WRONG)
+def test_a_wrong_movement_of_a_wall_is_caught(settings, path, old, new, tmp_path):
+    assert "prescribed" in refused(copy_program(tmp_path / "copy"), path, old, new, "cylinder-2d1", *settings)
 
 
 REFUSED_MOTION = [
@@ -335,6 +318,11 @@ REFUSED_MOTION = [
     ({"displacement_x": "sqrt(t)"}, "displacement_x = .sqrt\\(t\\).: it or its rate is not defined everywhere"),
     ({"displacement_x": "abs(t)"}, 'the function "abs" has no derivative everywhere; accepted: a smooth formula'),
     ({"displacement_x": "z*t"}, 'unknown name "z"; accepted: "x", "y", "t"'),
+    ("t,x\n0,0\n1,1\n", r"displacement_file.*the columns are t, x; accepted: t, x, y"),
+    ("t,x,y\n0,0,0\n0.5,1,1\n", r"displacement_samples\.at: ends at t = 0\.5 s; accepted: at time\.end or later"),
+    ("t,x,y\n0,0,0.1\n1,1,1\n", r"displacement_samples\.y = 0\.1: accepted: as many numbers as at, 2, the first 0"),
+    ("t,x,y\n0.1,0,0\n1,1,1\n", r"displacement_samples\.at = 0\.1: accepted: increasing numbers from 0 on"),
+    ("t,x,y\n0,0,0\n0.3,0,0.1\n0.300001,0,0.2\n0.5,0,0.1\n1,0,0\n", r"samples\.y: too rough for their distances"),
 ]
 
 
@@ -356,28 +344,10 @@ def test_a_piston_moves_as_a_file_says(tmp_path):
     assert load_scene(tmp_path / "run/scene.toml") == scene
 
 
-FILES = [
-    ("t,x\n0,0\n1,1\n", r"displacement_file.*the columns are t, x; accepted: t, x, y"),
-    ("t,x,y\n0,0,0\n0.5,1,1\n", r"displacement_samples\.at: ends at t = 0\.5 s; accepted: at time\.end or later"),
-    ("t,x,y\n0,0,0.1\n1,1,1\n", r"displacement_samples\.y = 0\.1: accepted: as many numbers as at, 2, the first 0"),
-    ("t,x,y\n0.1,0,0\n1,1,1\n", r"displacement_samples\.at = 0\.1: accepted: increasing numbers from 0 on"),
-    (
-        "t,x,y\n0,0,0\n0.3,0,0.1\n0.300001,0,0.2\n0.5,0,0.1\n1,0,0\n",
-        r"samples\.y: too rough for their distances: a spline",
-    ),
-]
-
-
-@pytest.mark.parametrize(("rows", "text"), FILES)
-def test_files_of_motion_that_are_refused(rows, text, tmp_path):
+@pytest.mark.parametrize(("motion", "text"), REFUSED_MOTION)
+def test_refused_motion(motion, text, tmp_path):
     with pytest.raises(SceneError, match=text):
-        moved_by_file(tmp_path, rows)
-
-
-@pytest.mark.parametrize(("wall", "text"), REFUSED_MOTION)
-def test_refused_motion(wall, text, tmp_path):
-    with pytest.raises(SceneError, match=text):
-        cylinder(tmp_path, walls={"piston": wall})
+        moved_by_file(tmp_path, motion) if isinstance(motion, str) else cylinder(tmp_path, walls={"piston": motion})
 
 
 def test_refused_where_nothing_moves(tmp_path):

@@ -5,9 +5,10 @@ import signal
 from types import SimpleNamespace
 
 import pytest
-from run_folders import FakeCheck, FakeFreeFEM
+from run_folders import FakeCheck, FakeFreeFEM, given_state, structured_mesh
 from time_folders import FakeTimeFreeFEM
 
+from ffsi.result.fields import Fields
 from ffsi.run import chain, execute, one_scene, sweep, watch
 from studies import harness
 from studies.bench import unsteady as bench_unsteady
@@ -44,6 +45,12 @@ def check(monkeypatch) -> FakeCheck:
     fake = FakeCheck()
     monkeypatch.setattr("ffsi.reference.check_run", fake)
     return fake
+
+
+@pytest.fixture
+def fields() -> Fields:
+    mesh = structured_mesh()
+    return Fields.from_raw(mesh, given_state(mesh))
 
 
 @pytest.fixture

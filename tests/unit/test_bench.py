@@ -19,16 +19,6 @@ from studies.bench import mesh_motion, speed, steady
 from studies.bench import unsteady as bench
 from studies.bench.mesh_motion import MOTIONS, SWEEPS, Motion, Sweep, Track
 from studies.bench.speed import SAMPLES, Sample, alternating, processor_time, reference, row, within
-from studies.bench.steady import (
-    FORMULATIONS,
-    RATIOS,
-    cost_row,
-    formulation_rows,
-    formulation_table,
-    level_table,
-    ratios,
-    scene_table,
-)
 from studies.bench.unsteady import FINEST, TIME_STEPS
 from studies.harness import Run, multiples, run_all
 from studies.tables import table
@@ -61,18 +51,20 @@ def failed(case: str, level: int) -> Run:
 
 
 def test_ratios_medians_and_marks_in_tables():
-    found = ratios(TIMINGS)
+    found = steady.ratios(TIMINGS)
     assert found == pytest.approx({"newton": 2.0, "one_jacobian": 0.5, "one_residual": 0.01, "overhead": 1.2})
-    assert {ratio.name: ratio.bound for ratio in RATIOS} == {
+    assert {ratio.name: ratio.bound for ratio in steady.RATIOS} == {
         "newton": 5, "one_jacobian": 1, "one_residual": 1 / 20, "overhead": 4,
     }  # fmt: skip
-    found = ratios({name: value for name, value in TIMINGS.items() if name != "check"})
+    found = steady.ratios({name: value for name, value in TIMINGS.items() if name != "check"})
     assert found["overhead"] != found["overhead"]  # NaN
-    assert found["newton"] == pytest.approx(2) and all(value != value for value in ratios({}).values())
-    row = cost_row([run(factor=1), run(factor=10), run(factor=2)])
+    assert found["newton"] == pytest.approx(2) and all(value != value for value in steady.ratios({}).values())
+    row = steady.cost_row([run(factor=1), run(factor=10), run(factor=2)])
     assert (row["seconds"], row["script_seconds"]) == (6.0, 4.0) and row["ratio_newton"] == pytest.approx(4)
     assert (row["runs"], row["status"]) == (3, "converged")
-    table = level_table([cost_row([run()]), cost_row([run(factor=3)]), cost_row([failed("x", 3)])])
+    table = steady.level_table(
+        [steady.cost_row([run()]), steady.cost_row([run(factor=3)]), steady.cost_row([failed("x", 3)])]
+    )
     assert table.head[3] == "residual + Jacobian + factorise + solve (below 5)"
     assert table.body[0] == ["2", "7000", "0.500", "2.00", "0.50", "0.010", "1.20"] and table.body[1][3] == "6.00 !"
     assert set(table.body[2][1:]) == {"–"}
@@ -99,17 +91,17 @@ def solution(**timings: float) -> Run:
 
 
 def test_scenes_and_formulations_within_a_repetition():
-    rows = [cost_row([solution()]), cost_row([solution(jacobian=2.0, solve=3.0, one_jacobian=0.6)])]
-    table = scene_table([*rows, cost_row([failed("flap-svk", 2)])], reasons=True)
+    rows = [steady.cost_row([solution()]), steady.cost_row([solution(jacobian=2.0, solve=3.0, one_jacobian=0.6)])]
+    table = steady.scene_table([*rows, steady.cost_row([failed("flap-svk", 2)])], reasons=True)
     assert table.head[4] == "Newton (< 5)"
     assert table.body[0] == ["cook", "2", "7000", "0.500", "2.00", "0.50", "0.010", "1.20", "0.50", "6", "1", ""]
     assert table.body[1][4:6] == ["11.10 !", "1.20 !"]
     assert table.body[1][-1] == "Newton: solve 6.0, Jacobian 4.0, factorise 1.0, residual 0.1; one Jacobian"
     assert table.body[2] == ["flap-svk", "2", *["–"] * 9, ""]
-    assert scene_table(rows).body == [row[:-1] for row in table.body[:2]]
+    assert steady.scene_table(rows).body == [row[:-1] for row in table.body[:2]]
     assert set(steady.NEAREST) | set(steady.FORMULATED) <= set(CASES.steady)
     for case, solid in steady.FORMULATED.items():
-        for formulation in FORMULATIONS:
+        for formulation in steady.FORMULATIONS:
             scene = load_scene(case, [f"solid.{solid}.formulation={formulation}"])
             assert scene.solid[solid].mixed == (formulation != "displacement")
     # A machine that is ten times slower in the second repetition changes no quotient.
@@ -117,14 +109,14 @@ def test_scenes_and_formulations_within_a_repetition():
         [solution(total=slow), solution(total=1.25 * slow, one_jacobian=0.4), solution(total=2 * slow)]
         for slow in (3.0, 30.0, 3.0)
     ]
-    rows = formulation_rows("cook", repetitions)
+    rows = steady.formulation_rows("cook", repetitions)
     assert [row["quotient_total"] for row in rows] == pytest.approx([1, 1.25, 2])
     assert rows[1]["quotient_one_jacobian"] == pytest.approx(1.6)
-    table = formulation_table(rows)
+    table = steady.formulation_table(rows)
     assert table.body[1][:2] == ["cook", "mixed"]
     assert table.body[1][5:] == ["1.25", "1.00", "1.00", "1.60 !", "1.00"] and table.body[2][5] == "2.00 !"
-    rows = formulation_rows("cook", [[solution(), failed("cook", 2), solution()]])
-    assert formulation_table(rows).body[1] == ["cook", "mixed", *["–"] * 8] and rows[2]["quotient_script"] == 1
+    rows = steady.formulation_rows("cook", [[solution(), failed("cook", 2), solution()]])
+    assert steady.formulation_table(rows).body[1] == ["cook", "mixed", *["–"] * 8] and rows[2]["quotient_script"] == 1
 
 
 @pytest.fixture
@@ -146,7 +138,7 @@ def test_scenes_are_run_and_written(tmp_path, runs, capsys):
     assert set(steady.main_scenes(repeat=2, out=tmp_path / "results", readme=readme)) == {""}
     assert [runs.count((case, ())) for case in CASES.steady] == [2] * len(CASES.steady)
     pairs = [settings[0].partition("formulation=")[2] for _, settings in runs if settings]
-    assert pairs == [*FORMULATIONS] * 6
+    assert pairs == [*steady.FORMULATIONS] * 6
     assert len(pd.read_csv(tmp_path / "results/bench-scenes.csv")) == len(CASES.steady)
     assert pd.read_csv(tmp_path / "results/bench-formulations.csv")["quotient_newton"].tolist() == [1] * 9
     text = readme.read_text()

@@ -31,12 +31,9 @@ def call(capsys, *arguments: str) -> tuple[int, str, str]:
 
 
 BAD_INPUT = [
-    (["rum"], "No such command 'rum'. Did you mean 'run'?"),
-    (["run"], "Missing argument"),
-    (["run", "flap-svq"], 'did you mean "flap-svk"?'),
-    (["run", "scene.toml"], "no such file"),
-    (["run", "."], "this is a folder"),
-    (["run", "flap-svk", "--otu", "x"], "No such option: --otu"),
+    (["rum"], "No such command 'rum'. Did you mean 'run'?"), (["run"], "Missing argument"),
+    (["run", "flap-svq"], 'did you mean "flap-svk"?'), (["run", "scene.toml"], "no such file"),
+    (["run", "."], "this is a folder"), (["run", "flap-svk", "--otu", "x"], "No such option: --otu"),
     (["run", "flap-svk", "again"], "unexpected extra argument"),
     (["run", "flap-svk", "--set", "mesh.level"], "key=value"),
     (["run", "flap-svk", "--set", "mesh.level=9"], "mesh.level = 9"),
@@ -63,17 +60,13 @@ BAD_INPUT = [
     ([*SWEEP, "--vary", "mesh.level=0", "--vary", "mesh.level=1"], "given twice"),
     ([*SWEEP, "--vary", "mesh.level=0", "--jobs", "0"], "jobs"),
     ([*SWEEP, "--vary", "mesh.level=0", "--jobs", "2", "--dask", "tcp://x"], "not both"),
-    (["check"], "Missing argument"),
-    (["check", "nothing"], "nothing is no run folder of ffsi (it does not exist)"),
-    (["check", "."], "is no run folder"),
-    (["report"], "Missing argument"),
-    (["report", "nothing"], "is no run folder"),
+    (["check"], "Missing argument"), (["check", "nothing"], "nothing is no run folder of ffsi (it does not exist)"),
+    (["check", "."], "is no run folder"), (["report"], "Missing argument"), (["report", "nothing"], "is no run folder"),
     (["report", ".", "-o", "no/report.html"], "no does not exist"),
     (["paper", "--aneurysm", "--jobs", "2"], "python -m studies paper --aneurysm has no option --jobs"),
-    (["paper", "--jobs", "0"], "jobs"),
-    (["doctor", "now"], "unexpected extra argument"),
+    (["paper", "--jobs", "0"], "jobs"), (["doctor", "now"], "unexpected extra argument"),
     (["cases", "--jsn"], "No such option: --jsn"),
-]
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(("arguments", "message"), BAD_INPUT, ids=[" ".join(words) for words, _ in BAD_INPUT])

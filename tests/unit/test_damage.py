@@ -10,7 +10,7 @@ from test_cli import call
 from time_folders import scene_in_time
 
 import ffsi
-from ffsi.files import folder
+from ffsi.files import folder, seals
 from ffsi.files.errors import InputError
 from ffsi.freefem import FreeFEMError
 from ffsi.hemodynamics.result import load_result, load_results
@@ -273,8 +273,6 @@ def test_swapped_results_are_noticed(capsys, freefem, made, copy_of):
 
 
 def test_an_altered_result_with_another_checksum_is_noticed_by_its_files(capsys, freefem, made, copy_of):
-    from ffsi.files import seals
-
     directory = copy_of(made("steady", lambda path: one_scene.solve(SCENE, path)))
     data = json.loads((directory / "result.json").read_text())
     data["quantities"]["tip_ux"] = 9.99

@@ -8,9 +8,9 @@ import numpy as np
 import pandas as pd
 import pytest
 from run_folders import FakeCheck, FakeFreeFEM, make_run
+from test_cli import call
 from time_folders import FakeTimeFreeFEM, scene_in_time
 
-from ffsi.cli.main import main
 from ffsi.files.errors import InputError
 from ffsi.hemodynamics.result import Result, load_result
 from ffsi.hemodynamics.state import WallState
@@ -73,10 +73,8 @@ def test_the_walls_keep_what_can_be_evaluated(tmp_path, freefem: FakeFreeFEM, ch
 
 def test_it_is_said_and_ends_with_1(tmp_path, capsys, freefem: FakeFreeFEM, check: FakeCheck, monkeypatch) -> None:
     monkeypatch.setattr(Result, "picture", fails("no ink"))
-    with pytest.raises(SystemExit) as stopped:
-        main(["run", "flap-svk", *LEVEL, "--out", str(tmp_path / "run")])
-    out, err = capsys.readouterr()
-    assert stopped.value.code == 1
+    code, out, err = call(capsys, "run", "flap-svk", *LEVEL, "--out", str(tmp_path / "run"))
+    assert code == 1
     assert "not evaluated: picture of the velocity: no ink" in err and "drag" in out
     data = json.loads((tmp_path / "run" / "result.json").read_text())
     assert data["status"] == "converged" and data["quantities"]["drag"]
@@ -85,9 +83,9 @@ def test_it_is_said_and_ends_with_1(tmp_path, capsys, freefem: FakeFreeFEM, chec
 def test_an_animation_that_fails_is_noted(tmp_path, capsys, in_time: FakeTimeFreeFEM, check, monkeypatch) -> None:
     monkeypatch.setattr("ffsi.report.animation.write_animation", fails("no film"))
     (tmp_path / "scene.toml").write_text(scene_in_time().to_toml())
-    with pytest.raises(SystemExit) as stopped:
-        main(["run", str(tmp_path / "scene.toml"), "--out", str(tmp_path / "run"), "--animate", "velocity"])
-    assert stopped.value.code == 1 and "not evaluated: velocity.gif: no film" in capsys.readouterr().err
+    words = ["run", str(tmp_path / "scene.toml"), "--out", str(tmp_path / "run"), "--animate", "velocity"]
+    code, _, err = call(capsys, *words)
+    assert code == 1 and "not evaluated: velocity.gif: no film" in err
     assert load_result(tmp_path / "run").not_evaluated == [{"what": "velocity.gif", "why": "no film"}]
 
 
@@ -134,6 +132,4 @@ def test_energy_has_the_parts_of_the_last_state_and_what_is_left():
     released = energies(0.0).assign(elastic=[-1.0, -2.6])  # a solid that was bent at the start: nothing is done
     assert energy_balance(released)["imbalance"] == pytest.approx(-0.1 / 2.6)
     assert math.isnan(energy_balance(energies(math.nan))["imbalance"])
-    assert (
-        energy_balance(energies(4.0).drop(columns="work")) == {} and energy_balance(energies(4.0).iloc[:0]) == {}
-    )  # fmt: skip
+    assert energy_balance(energies(4.0).drop(columns="work")) == energy_balance(energies(4.0).iloc[:0]) == {}

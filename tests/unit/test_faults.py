@@ -9,8 +9,8 @@ import tempfile
 from pathlib import Path
 
 import pytest
+from test_cli import call
 
-from ffsi.cli.main import main
 from ffsi.files import folder, machine
 from ffsi.run import execute
 
@@ -23,21 +23,10 @@ def in_an_empty_folder(tmp_path, monkeypatch):
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
 
 
-def call(capsys, *arguments: str) -> tuple[int, str, str]:
-    with pytest.raises(SystemExit) as stopped:
-        main(arguments)
-    out, err = capsys.readouterr()
-    return int(stopped.value.code or 0), out, err
-
-
 @pytest.mark.parametrize(("words", "code", "said"), [
-    ("cases >&-", 4, "standard output: closed"),
-    ("cases > /dev/full", 4, "standard output: No space left on device"),
-    ("--version > /dev/full", 4, "standard output: No space left on device"),
-    ("cases | head -1 >&2", 0, "case"),
-    ("run x 2> /dev/full", 2, ""),
-    ("run x >&- 2>&-", 2, ""),
-    ("cases <&- > /dev/null", 0, ""),
+    ("cases >&-", 4, "standard output: closed"), ("cases > /dev/full", 4, "standard output: No space left on device"),
+    ("--version > /dev/full", 4, "standard output: No space left on device"), ("cases | head -1 >&2", 0, "case"),
+    ("run x 2> /dev/full", 2, ""), ("run x >&- 2>&-", 2, ""), ("cases <&- > /dev/null", 0, ""),
     ("cases | cat > /dev/null", 0, ""),
 ])  # fmt: skip
 def test_a_stream_that_fails_changes_nothing_but_a_good_end(words, code, said):
@@ -148,10 +137,8 @@ def test_a_folder_that_cannot_be_written_is_bad_input_before_anything_starts(cap
 
 
 @pytest.mark.parametrize(("error", "code", "said"), [
-    (KeyError("a\x1b[31m"), 70, "a fault of ffsi itself: KeyError"),
-    (AssertionError("no"), 70, "please report it"),
-    (RecursionError("deep"), 70, "a fault of ffsi itself"),
-    (MemoryError(), 4, "the memory ended"),
+    (KeyError("a\x1b[31m"), 70, "a fault of ffsi itself: KeyError"), (AssertionError("no"), 70, "please report it"),
+    (RecursionError("deep"), 70, "a fault of ffsi itself"), (MemoryError(), 4, "the memory ended"),
     (OSError(errno.ENOSPC, "No space left on device", "a\nb"), 4, "a?b: the disk is full"),
     (FileNotFoundError(errno.ENOENT, "No such file or directory", "a"), 2, "a: No such file"),
     (KeyboardInterrupt(), 130, ""),

@@ -55,8 +55,7 @@ UMFPACK = """ Error umpfack umfpack_di_numeric  status  {code}
 inf"""
 
 CASES = [
-    ("syntax", 1, IDENTIFIER, "identifier foo does not exist", 4),
-    ("assert", 8, ASSERT, "assert", 4),
+    ("syntax", 1, IDENTIFIER, "identifier foo does not exist", 4), ("assert", 8, ASSERT, "assert", 4),
     ("singular-matrix", 0, MUMPS.format(code=-10), "MUMPS error -10", 10),
     ("mumps", 0, MUMPS.format(code=-13), "MUMPS error -13: an allocation failed", 10),
     ("mumps", 0, MUMPS.format(code=-9), "MUMPS error -9: the work array is too small", 10),
@@ -68,16 +67,13 @@ CASES = [
     ("out-of-memory", 0, UMFPACK.format(code=-1), "UMFPACK status -1", 0),
     ("crash", 0, UMFPACK.format(code=-8), "UMFPACK status -8", 0),
     ("out-of-memory", -6, "terminate called after throwing an instance of 'std::bad_alloc'", "bad_alloc", 0),
-    ("floating-point", -signal.SIGFPE, "", "SIGFPE", 0),
-    ("floating-point", 136, "", "SIGFPE", 0),
-    ("crash", -signal.SIGSEGV, "", "SIGSEGV", 0),
-    ("crash", -signal.SIGABRT, "", "SIGABRT", 0),
-    ("killed", -signal.SIGKILL, "", "signal 9, SIGKILL", 0),
-    ("killed", -signal.SIGTERM, "", "signal 15, SIGTERM", 0),
+    ("floating-point", -signal.SIGFPE, "", "SIGFPE", 0), ("floating-point", 136, "", "SIGFPE", 0),
+    ("crash", -signal.SIGSEGV, "", "SIGSEGV", 0), ("crash", -signal.SIGABRT, "", "SIGABRT", 0),
+    ("killed", -signal.SIGKILL, "", "signal 9, SIGKILL", 0), ("killed", -signal.SIGTERM, "", "signal 15, SIGTERM", 0),
     ("missing-binary", 127, "setpriv: failed to execute /x/ff: No such file or directory", "/x/ff", 0),
     ("crash", 0, "hello\n", "without its end marker; its last line: hello", 0),
     ("crash", 0, "", "it printed nothing", 0),
-]
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(("kind", "code", "output", "text", "line"), CASES)

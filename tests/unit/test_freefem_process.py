@@ -110,16 +110,6 @@ def test_a_run_is_complete_by_its_marker_and_code(fake, tmp_path):
     assert (caught.value.kind, caught.value.message) == ("bad-input", "no parameter speed")
 
 
-@pytest.mark.parametrize(
-    ("name", "kind"), [("KILL", "killed"), ("TERM", "killed"), ("SEGV", "crash"), ("FPE", "floating-point")]
-)
-def test_signals(fake, tmp_path, monkeypatch, name, kind):
-    monkeypatch.setattr(child, "oom_kills", lambda: 0)
-    with pytest.raises(FreeFEMError, match=f"SIG{name}") as caught:
-        run(fake, tmp_path, f"kill -{name} $$; sleep 5")
-    assert caught.value.kind == kind
-
-
 def test_sigkill_while_the_kernel_counted_an_out_of_memory_kill(fake, tmp_path, monkeypatch):
     counts = iter([4, 5, 5, 5])
     monkeypatch.setattr(child, "oom_kills", lambda: next(counts))
@@ -139,12 +129,10 @@ def test_time_limit_kills_the_whole_group(fake, tmp_path):
 
 
 def test_the_time_limit_holds_whatever_a_process_does(fake, tmp_path):
-    with pytest.raises(FreeFEMError) as caught:
-        run(fake, tmp_path, "while true; do echo noise; done", time_limit=0.3)
-    assert caught.value.kind == "time-limit"
-    with pytest.raises(FreeFEMError) as caught:
-        run(fake, tmp_path, f"{END}; exec >&- 2>&-; sleep 60", time_limit=0.3)
-    assert caught.value.kind == "time-limit"
+    for text in ("while true; do echo noise; done", f"{END}; exec >&- 2>&-; sleep 60"):
+        with pytest.raises(FreeFEMError) as caught:
+            run(fake, tmp_path, text, time_limit=0.3)
+        assert caught.value.kind == "time-limit"
 
 
 def test_processes_that_keep_the_pipe_or_say_much_at_the_end(fake, tmp_path):
@@ -237,12 +225,16 @@ def test_a_full_run_folder(fake, tmp_path, monkeypatch, ending):
 
 
 @pytest.mark.parametrize(("ending", "kind", "fragment"), [
+    *((f"kill -{name} $$; sleep 5", kind, f"SIG{name}") for name, kind in {
+        "KILL": "killed", "TERM": "killed", "SEGV": "crash", "FPE": "floating-point",
+    }.items()),
     ("ulimit -S -t 1; while :; do :; done", "time-limit", "used up its processor time"),
     ("ulimit -f 1; exec head -c 100000 /dev/zero > big", "disk-full", "ulimit -f"),
     ("kill -KILL $$", "killed", "signal 9"),
     ("echo std::bad_alloc; exit 134", "out-of-memory", "bad_alloc"),
 ])  # fmt: skip
-def test_limits_of_the_shell_are_named(fake, tmp_path, ending, kind, fragment):
+def test_signals_and_limits_of_the_shell_are_named(fake, tmp_path, monkeypatch, ending, kind, fragment):
+    monkeypatch.setattr(child, "oom_kills", lambda: 0)
     with pytest.raises(FreeFEMError, match=fragment) as caught:
         run(fake, tmp_path, ending, cwd=tmp_path)
     assert caught.value.kind == kind
@@ -256,7 +248,10 @@ def test_limits_that_python_itself_has_are_named(tmp_path):
     assert "its memory is limited to 0.50 GiB (ulimit -v)" in str(explain(ending, tmp_path / "case.edp"))
 
 
-def test_a_binary_that_is_gone(fake, tmp_path):
+@pytest.mark.parametrize("setpriv", [True, False])
+def test_a_binary_that_is_gone(fake, tmp_path, monkeypatch, setpriv):
+    if not setpriv:
+        monkeypatch.setattr(child, "_die_with_parent", list)
     installation = fake(END)
     installation.binary.unlink()
     with pytest.raises(FreeFEMError) as caught:
@@ -264,17 +259,10 @@ def test_a_binary_that_is_gone(fake, tmp_path):
     assert caught.value.kind == "missing-binary"
 
 
-def test_a_binary_that_is_gone_without_setpriv(fake, tmp_path, monkeypatch):
-    monkeypatch.setattr(child, "_die_with_parent", list)
-    test_a_binary_that_is_gone(fake, tmp_path)
-
-
-def test_umfpacks_complaint_becomes_a_warning(fake, tmp_path):
+def test_umfpacks_complaint_becomes_a_warning_and_broken_progress_lines_are_skipped(fake, tmp_path, caplog):
     done = run(fake, tmp_path, f"echo ' Error umpfack umfpack_di_numeric  status  1'; {END}")
     assert done.warnings == ("UMFPACK: Error umpfack umfpack_di_numeric  status  1",)
 
-
-def test_broken_progress_lines_are_logged_and_skipped(fake, tmp_path, caplog):
     assert run(fake, tmp_path, f"echo '@ffsi point 3'; {END}").status == "converged"
     assert "not key=value" in caplog.text
 
@@ -392,6 +380,22 @@ def test_sweeps_single_runs_and_chains_show_their_own():
         clock.now = 10.0
         feed(show, "point point=1 points=4 status=converged", "point point=1 points=4 status=failed")
         assert show.finished == 2 and show.seconds_left == 30.0 and show.state.startswith("2/8 done")
+
+
+def test_progress_in_time_and_of_its_sweeps():
+    clock, (stream, console) = Clock(), terminal()
+    with ProgressDisplay(console=console, clock=clock) as show:
+        feed(show, "start case=turek-fsi3", "mesh stage=1 stages=1 unknowns=6995", "time step=10 time=1 end=6 dt=0.1")
+        assert show.seconds_left is None
+        clock.now = 60.0
+        feed(show, "time step=20 time=2 end=6 dt=0.1 iterations=3")
+        feed(show, "signal name=tip_uy unit=m mean=0.00123456 amplitude=0.035 frequency=5.461234")
+        assert show.state == "t = 2 of 6 s · step 20 · tip_uy 0.001235 ± 0.035 m, 5.461 Hz"
+        assert show.seconds_left == pytest.approx(240.0)
+    assert "about 4:00 left" in stream.getvalue()
+    with ProgressDisplay(points=3, console=console) as show:
+        feed(show, "time step=20 time=2 end=6 dt=0.1", "signal name=lift unit=N/m mean=1 amplitude=2 frequency=3")
+        assert show.state == "0/3 done · t = 2 of 6 s · step 20"
 
 
 def test_nothing_at_all_when_it_is_no_terminal(capsys):

@@ -17,17 +17,10 @@ from ffsi.scene.meshes import reading
 
 # A channel of 3 x 1 below a wall of 3 x 0.25: groups of curves and of surfaces; "-" lists one reversed.
 GROUPS = {
-    "in": ["-in"],
-    "out": ["-out"],
-    "wall": ["floor"],  # also the name of a region
-    "fixed": ["left", "-right"],
-    "right": ["right"],
-    "push": ["top", "-right"],
-    "outer": ["left", "right", "top"],
-    "left": ["left"],
-    "top": ["top"],
-    "ends": ["in", "-left", "out", "right"],
-}
+    "in": ["-in"], "out": ["-out"], "wall": ["floor"],  # also the name of a region
+    "fixed": ["left", "-right"], "right": ["right"], "push": ["top", "-right"], "outer": ["left", "right", "top"],
+    "left": ["left"], "top": ["top"], "ends": ["in", "-left", "out", "right"],
+}  # fmt: skip
 REGIONS = {"lumen": ["lumen"], "wall": ["wall"], "both": ["lumen", "-wall"]}
 DEFAULT = {"inlet": "in", "outlet": "out", "walls": "wall", "clamped": "fixed"}
 
@@ -308,8 +301,7 @@ ABAQUS = """*NODE
 
 
 @pytest.mark.parametrize(("parts", "message"), [
-    (("", "", ""), None),
-    ((", ELSET=s", ", ELSET=t", ""), None),
+    (("", "", ""), None), ((", ELSET=s", ", ELSET=t", ""), None),
     (("", ", ELSET=t", ""), "line 13: elements in a set from the start beside others, which meshio does not keep"),
     (("", "", "*ELSET, ELSET=left\n6\n"), 'line 22: a second set "left"'),
     (("", "", "*ELSET, ELSET=more\nfixed\n"), "line 22: a set that is not a list of elements"),

@@ -11,11 +11,11 @@ import numpy as np
 import pandas as pd
 import pytest
 from PIL import Image
-from run_folders import given_state, make_run, structured_mesh
+from run_folders import make_run
+from test_report import colours, pixels
 
 from ffsi.files.errors import InputError
 from ffsi.report import walls
-from ffsi.result import pictures
 from ffsi.result.fields import Fields
 from ffsi.scene import SceneError, load_scene
 from ffsi.scene.fluids import Carreau, Newtonian
@@ -41,15 +41,9 @@ def outcome(curve: Curve, tmp_path, *, steps: int, failure: str = "", **columns)
     count = len(next(iter(columns.values())))
     failures = [""] * steps + [failure] * (count - steps)
     table = pd.DataFrame({
-        KEY: 0.01 * np.arange(1, count + 1),
-        "status": ["failed" if item else "converged" for item in failures],
-        "reason": ["J too small" if item else "" for item in failures],
-        "failure": failures,
-        **columns,
-        "check_maximum": 1.234e-11,
-        "seconds": 3.0,
-        "folder": ".",
-        "point": 1,
+        KEY: 0.01 * np.arange(1, count + 1), "status": ["failed" if item else "converged" for item in failures],
+        "reason": ["J too small" if item else "" for item in failures], "failure": failures, **columns,
+        "check_maximum": 1.234e-11, "seconds": 3.0, "folder": ".", "point": 1,
     })  # fmt: skip
     return Outcome(curve, load_scene(curve.scene, ["mesh.level=0"]), make_run(tmp_path / curve.name), table)
 
@@ -148,10 +142,8 @@ def test_point_tables_leave_out_what_is_no_solution(tmp_path):
     values |= {"reached_tip_ux": [None, 0.2], "reached_min_jacobian": [None, 0.01]}
     done = outcome(CASES[0].curve, tmp_path, steps=1, failure="not-converged", **values)
     text = flap.point_table(done).markdown()
-    assert (
-        text.splitlines()[0]
-        == "| v_mean (m/s) | drag (N/m) | tip_ux (m) | min_jacobian | before the failure | check | status |"
-    )
+    head = "| v_mean (m/s) | drag (N/m) | tip_ux (m) | min_jacobian | before the failure | check | status |"
+    assert text.splitlines()[0] == head
     assert [[cell.strip() for cell in line.strip("|").split("|")] for line in text.splitlines()[2:]] == [
         ["0.01", "0.001", "0.1", "0.5000", "–", "1e-11", "converged"],
         ["0.02", "–", "–", "–", "0.0100", "1e-11", "failed (not-converged)"],
@@ -232,19 +224,8 @@ def test_eight_variants_and_their_systole() -> None:
     assert 3 * period < found < 4 * period and found / period % 1 == pytest.approx(0.648, abs=1e-3)
 
 
-@pytest.fixture
-def fields() -> Fields:
-    mesh = structured_mesh()
-    return Fields.from_raw(mesh, given_state(mesh))
-
-
 def shades(figure: Any) -> int:
-    from io import BytesIO
-
-    from PIL import Image
-
-    image = np.asarray(Image.open(BytesIO(pictures.to_png(figure, dpi=50))).convert("RGB"))
-    return len(np.unique(image.reshape(-1, 3), axis=0))
+    return colours(pixels(figure))
 
 
 def wall(cycle: int | None = None) -> pd.DataFrame:

@@ -6,19 +6,8 @@ import math
 
 import numpy as np
 import pytest
+import test_reference_cases as cases
 from structured import structured_mesh
-from test_reference_cases import (
-    bump_mesh,
-    bump_problem,
-    cantilever_problem,
-    channel_mesh,
-    channel_problem,
-    check_state,
-    flap_mesh,
-    flap_problem,
-    flow_in,
-    loaded_problem,
-)
 
 from ffsi.files.arrays import RawState, read_mesh, read_state, write_mesh, write_state
 from ffsi.reference import check, terms
@@ -41,28 +30,32 @@ def solved(problem, mesh):
     return problem, mesh, solution.state, {name: quantity.value for name, quantity in found.items()}
 
 
-flap = pytest.fixture(lambda: solved(flap_problem(), flap_mesh()), scope="module")
+flap = pytest.fixture(lambda: solved(cases.flap_problem(), cases.flap_mesh()), scope="module")
 
 
 @pytest.fixture(scope="module")
 def hyperelastic_flap():
-    return solved(flap_problem(mesh_motion=MeshMotion(1.0, 1.0, "hyperelastic")), flap_mesh())
+    return solved(cases.flap_problem(mesh_motion=MeshMotion(1.0, 1.0, "hyperelastic")), cases.flap_mesh())
 
 
 @pytest.fixture(scope="module")
 def mixed_flap():
     solids = {2: Solid(2.0, NeoHookean(60.0, 30.0), "mixed")}
-    return solved(flap_problem(solids=solids, mesh_motion=MeshMotion(0.5, 0.7, "linear-elastic", 1.0)), flap_mesh())
+    return solved(
+        cases.flap_problem(solids=solids, mesh_motion=MeshMotion(0.5, 0.7, "linear-elastic", 1.0)), cases.flap_mesh()
+    )
 
 
 @pytest.fixture(scope="module")
 def loaded():
     solids = {2: Solid(1.5, MooneyRivlin(6.0, 9.0, math.inf), "incompressible")}
-    return solved(loaded_problem(solids=solids), channel_mesh(nx=12, region=2))
+    return solved(cases.loaded_problem(solids=solids), cases.channel_mesh(nx=12, region=2))
 
 
-bump = pytest.fixture(lambda: solved(bump_problem(), bump_mesh()), scope="module")
-cantilever = pytest.fixture(lambda: solved(cantilever_problem(), channel_mesh(nx=12, region=2)), scope="module")
+bump = pytest.fixture(lambda: solved(cases.bump_problem(), cases.bump_mesh()), scope="module")
+cantilever = pytest.fixture(
+    lambda: solved(cases.cantilever_problem(), cases.channel_mesh(nx=12, region=2)), scope="module"
+)
 
 
 def copy(state):
@@ -81,7 +74,7 @@ def largest(values, where):
 
 @pytest.mark.parametrize("case", ["flap", "hyperelastic_flap", "mixed_flap", "bump", "cantilever", "loaded"])
 def test_solution_passes(case, request):
-    report = check_state(*request.getfixturevalue(case))
+    report = cases.check_state(*request.getfixturevalue(case))
     assert report.failures == [] and report.passed and report.momentum < 1e-9 and report.min_jacobian > 0.0
 
 
@@ -89,7 +82,7 @@ def test_equations_that_a_scene_has_not_are_none(flap, mixed_flap, bump, cantile
     wet = {"continuity", "kinematics", "mesh_motion", "drag_difference", "lift_difference"}
 
     def absent(case):
-        report = check_state(*case)
+        report = cases.check_state(*case)
         return {name for name in wet | {"momentum", "incompressibility"} if getattr(report, name) is None}
 
     assert absent(mixed_flap) == set() and absent(flap) == {"incompressibility"}
@@ -118,10 +111,9 @@ LIES = {
     "u in the solid": ("u", "solid", {"momentum"}),
     "u in the fluid": ("u", "fluid", {"mesh_motion", "momentum", "continuity"}),
     "u on the interface": ("u", "interface", {"mesh_motion", "momentum", "continuity"}),
-    "v in the fluid": ("v", "fluid", {"momentum", "continuity"}),
-    "v at the inlet": ("v", "inlet", {"dirichlet"}),
+    "v in the fluid": ("v", "fluid", {"momentum", "continuity"}), "v at the inlet": ("v", "inlet", {"dirichlet"}),
     "p": ("p", "wet", {"momentum"}),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("case", ["flap", "hyperelastic_flap", "mixed_flap"])
@@ -129,7 +121,7 @@ LIES = {
 def test_a_thousandth_of_one_unknown_is_seen(case, lie, request):
     problem, mesh, state, quantities = request.getfixturevalue(case)
     field, place, expected = LIES[lie]
-    report = check_state(problem, mesh, lied(problem, mesh, state, field, place), quantities)
+    report = cases.check_state(problem, mesh, lied(problem, mesh, state, field, place), quantities)
     assert not report.passed and expected <= failing(report)
 
 
@@ -153,7 +145,7 @@ def test_wrong_sign_or_factor_of_a_term_is_seen(case, equation, term, expected, 
         return local | {term: factor * local[term]}
 
     monkeypatch.setattr(terms, equation, wrong)
-    assert failing(check_state(*solution)) - {"drag_difference", "lift_difference"} == expected
+    assert failing(cases.check_state(*solution)) - {"drag_difference", "lift_difference"} == expected
 
 
 def test_wrong_pressures_velocities_and_prescribed_values_are_seen(mixed_flap, loaded, flap, bump):
@@ -161,31 +153,31 @@ def test_wrong_pressures_velocities_and_prescribed_values_are_seen(mixed_flap, l
         problem, mesh, state, quantities = case
         changed = copy(state)
         changed.ps[:] *= -1.0
-        assert failing(check_state(problem, mesh, changed, quantities)) == expected
+        assert failing(cases.check_state(problem, mesh, changed, quantities)) == expected
     problem, mesh, state, quantities = mixed_flap
     both = ~System.build(problem, mesh).rows.p_given & System.build(problem, mesh).rows.incompressibility[0]
     changed = copy(state)
     changed.ps[0, both] = state.p[both]
-    assert {"momentum", "incompressibility"} <= failing(check_state(problem, mesh, changed, quantities))
+    assert {"momentum", "incompressibility"} <= failing(cases.check_state(problem, mesh, changed, quantities))
     problem, mesh, state, quantities = flap
     changed = copy(state)
     only_solid = np.setdiff1d(mesh.p2[mesh.region == 2], mesh.p2[mesh.region == 1])
     changed.v[only_solid[3], 1] = 1e-3 * np.abs(state.v).max()
     rows = System.build(problem, mesh).rows
     assert rows.kinematics[only_solid[3]]
-    assert failing(check_state(problem, mesh, changed, quantities)) == {"kinematics"}
+    assert failing(cases.check_state(problem, mesh, changed, quantities)) == {"kinematics"}
     wall = largest(mesh.p2_coordinates, System.build(problem, mesh).rows.v_given)[0]
     for field in ("u", "v"):
         changed = copy(state)
         getattr(changed, field)[wall] += 1e-7
-        assert "dirichlet" in failing(check_state(problem, mesh, changed, quantities))
+        assert "dirichlet" in failing(cases.check_state(problem, mesh, changed, quantities))
     changed = copy(state)
     changed.p[System.build(problem, mesh).rows.p_given] = 1e-7
-    assert failing(check_state(problem, mesh, changed, quantities)) == {"dirichlet"}
+    assert failing(cases.check_state(problem, mesh, changed, quantities)) == {"dirichlet"}
     problem, mesh, state, quantities = bump
     changed = copy(state)
     changed.u[mesh.edge_nodes[mesh.label == 5, 2]] = 0.0  # straight edges instead of the circle
-    assert "dirichlet" in failing(check_state(problem, mesh, changed, quantities))
+    assert "dirichlet" in failing(cases.check_state(problem, mesh, changed, quantities))
 
 
 @pytest.mark.parametrize(("name", "check"), [
@@ -195,30 +187,30 @@ def test_wrong_pressures_velocities_and_prescribed_values_are_seen(mixed_flap, l
 def test_reported_forces_are_checked(bump, name, check):
     problem, mesh, state, quantities = bump
     lied = quantities | {name: quantities[name] * (1 + 2e-8)}
-    report = check_state(problem, mesh, state, lied)
+    report = cases.check_state(problem, mesh, state, lied)
     assert failing(report) == {check} and getattr(report, check) == pytest.approx(2e-8, rel=1e-4)
     assert any(text.startswith("recomputed: drag ") for text in report.failures)
 
 
 def test_missing_forces_and_moved_nodes_are_seen(bump, hyperelastic_flap, flap):
     problem, mesh, state, quantities = bump
-    assert failing(check_state(problem, mesh, state, {})) == {"drag_difference", "lift_difference"}
-    assert failing(check_state(problem, mesh, state, quantities | {"drag": math.nan})) == {"drag_difference"}
+    assert failing(cases.check_state(problem, mesh, state, {})) == {"drag_difference", "lift_difference"}
+    assert failing(cases.check_state(problem, mesh, state, quantities | {"drag": math.nan})) == {"drag_difference"}
     # Pressure of one pascal in a box pushes the floor down, without drag but for rounding.
-    mesh = channel_mesh()
+    mesh = cases.channel_mesh()
     walls = (Boundary("floor", 4, "no-slip", "floor"), *(Boundary(f"wall {k}", k, "no-slip") for k in (1, 2, 3)))
-    problem = channel_problem(boundaries=walls)
+    problem = cases.channel_problem(boundaries=walls)
     state = RawState(np.zeros((mesh.n_p2, 2)), np.zeros((mesh.n_p2, 2)), np.ones(len(mesh.vertices)))
-    report = check_state(problem, mesh, state, {"drag": 3e-16, "lift": -2.0})
+    report = cases.check_state(problem, mesh, state, {"drag": 3e-16, "lift": -2.0})
     assert report.drag_difference < 1e-8 and report.lift_difference < 1e-14
-    assert failing(check_state(problem, mesh, state, {"drag": 1e-12, "lift": -2.0})) == {"drag_difference"}
+    assert failing(cases.check_state(problem, mesh, state, {"drag": 1e-12, "lift": -2.0})) == {"drag_difference"}
     problem, mesh, state, quantities = hyperelastic_flap
     for node in np.flatnonzero(System.build(problem, mesh).rows.mesh_motion)[::17]:
         changed = copy(state)
         changed.u[node, 1] += 1e-6
-        assert "mesh_motion" in failing(check_state(problem, mesh, changed, quantities))
+        assert "mesh_motion" in failing(cases.check_state(problem, mesh, changed, quantities))
     for (problem, *_), (_, mesh, state, quantities) in ((flap, hyperelastic_flap), (hyperelastic_flap, flap)):
-        assert failing(check_state(problem, mesh, state, quantities)) == {"mesh_motion"}
+        assert failing(cases.check_state(problem, mesh, state, quantities)) == {"mesh_motion"}
 
 
 @pytest.mark.parametrize("case", ["flap", "hyperelastic_flap"])
@@ -227,7 +219,7 @@ def test_inverted_triangle_fails(case, request):
     changed = copy(state)
     node = largest(mesh.p2_coordinates, System.build(problem, mesh).rows.mesh_motion)[0]
     changed.u[node] += 1.0
-    report = check_state(problem, mesh, changed, quantities)
+    report = cases.check_state(problem, mesh, changed, quantities)
     assert report.min_jacobian < 0.0 and {"min_jacobian", "mesh_motion"} <= failing(report)
 
 
@@ -237,10 +229,10 @@ def test_a_solution_does_not_solve_another_problem_or_fit_another_mesh(flap, mix
         (dict(gravity=(0.01, -0.0501)), {"momentum"}),
         (dict(outlet=Outlet("zero-traction")), {"momentum"}),
         (dict(mesh_motion=MeshMotion(1.0, 1.01)), {"mesh_motion"}),
-        (dict(inflow=flow_in(lambda time: 1.001)), {"dirichlet"}),
+        (dict(inflow=cases.flow_in(lambda time: 1.001)), {"dirichlet"}),
         (dict(reference_length=0.51), {"coefficient_difference"}),
     ):
-        assert expected <= failing(check_state(flap_problem(**changes), mesh, state, quantities))
+        assert expected <= failing(cases.check_state(cases.flap_problem(**changes), mesh, state, quantities))
     for (problem, mesh, state, quantities), changes, expected in (
         (mixed_flap, dict(solids={2: Solid(2.0, NeoHookean(60.1, 30.0), "mixed")}), {"incompressibility"}),
         (mixed_flap, dict(solids={2: Solid(2.0, NeoHookean(-60.0, 30.0), "mixed")}), {"incompressibility"}),
@@ -255,11 +247,11 @@ def test_a_solution_does_not_solve_another_problem_or_fit_another_mesh(flap, mix
         (loaded, dict(traction=(0.0, 0.0)), {"momentum"}),
         (loaded, dict(solids={2: Solid(1.5, MooneyRivlin(6.0, 9.0, 1e4), "mixed")}), {"incompressibility"}),
     ):
-        report = check_state(dataclasses.replace(problem, **changes), mesh, state, quantities)
+        report = cases.check_state(dataclasses.replace(problem, **changes), mesh, state, quantities)
         assert failing(report) == expected, changes
     problem, _, state, quantities = flap
     with pytest.raises(ValueError, match="state of shapes"):
-        check_state(problem, flap_mesh(4), state, quantities)
+        cases.check_state(problem, cases.flap_mesh(4), state, quantities)
 
 
 def scene_mesh(scene):

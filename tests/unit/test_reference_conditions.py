@@ -5,23 +5,9 @@ import math
 
 import numpy as np
 import pytest
+import test_reference_cases as cases
 from scipy.integrate import quad
-from test_reference_cases import (
-    HEIGHT,
-    LENGTH,
-    MEAN_VELOCITY,
-    assert_jacobian_is_the_derivative,
-    cantilever_problem,
-    channel_mesh,
-    channel_problem,
-    check_state,
-    check_step,
-    flow_in,
-    profile,
-    roof_mesh,
-    roof_problem,
-    state_of,
-)
+from test_reference_cases import HEIGHT, LENGTH, MEAN_VELOCITY
 from test_reference_check import failing
 from test_reference_step import K, beating, quantities_of, rest
 from test_reference_step_terms import random_step
@@ -50,12 +36,12 @@ WINDKESSEL = Outlet("windkessel", 0.4, resistance=1.5, distal=4.0, compliance=0.
 ])  # fmt: skip
 def test_inlet_of_any_direction(start, inward, label):
     # An unsymmetric profile tells both ends of the inlet from each other.
-    mesh = channel_mesh()
+    mesh = cases.channel_mesh()
     boundaries = tuple(
         Boundary(str(number), number, "inlet" if number == label else "no-slip") for number in (1, 2, 3, 4)
     )
     inflow = Inflow(lambda s, time: (1.0 + time) * (s + s**2), start, inward)
-    problem = channel_problem(boundaries=boundaries, inflow=inflow)
+    problem = cases.channel_problem(boundaries=boundaries, inflow=inflow)
     system, nodes = System.build(problem, mesh), np.unique(mesh.edge_nodes[mesh.label == label])
     along = np.abs(mesh.p2_coordinates[nodes] - np.array(start)).sum(axis=1)  # both axes: one difference is zero
     ends = along == along.max()
@@ -66,8 +52,10 @@ def test_inlet_of_any_direction(start, inward, label):
 
 
 def poiseuille_system(outlet, factor=None, density=1.3, mesh=None):
-    problem = channel_problem(fluid=Fluid(density, Newtonian(VISCOSITY)), outlet=outlet, inflow=flow_in(factor))
-    return System.build(problem, mesh or channel_mesh())
+    problem = cases.channel_problem(
+        fluid=Fluid(density, Newtonian(VISCOSITY)), outlet=outlet, inflow=cases.flow_in(factor)
+    )
+    return System.build(problem, mesh or cases.channel_mesh())
 
 
 @pytest.mark.parametrize(("outlet", "pressure"), [
@@ -79,37 +67,35 @@ def poiseuille_system(outlet, factor=None, density=1.3, mesh=None):
 def test_steady_pressure_at_the_outlet(outlet, pressure):
     system = poiseuille_system(outlet)
     solution, nodes = solve(system, tolerance=1e-9), system.mesh.p2_coordinates
-    np.testing.assert_allclose(solution.state.v[:, 0], profile(nodes[:, 1]), rtol=0, atol=1e-8)
+    np.testing.assert_allclose(solution.state.v[:, 0], cases.profile(nodes[:, 1]), rtol=0, atol=1e-8)
     np.testing.assert_allclose(solution.state.p, pressure + SLOPE * (LENGTH - system.mesh.vertices[:, 0]), rtol=1e-7)
     quantities = quantities_of(system, solution.state)
     assert quantities["flow_rate_out"] == pytest.approx(FLOW, rel=1e-8)
     assert quantities["outlet_pressure"] == pytest.approx(pressure, rel=1e-8)
-    assert check_state(system.problem, system.mesh, solution.state, quantities).failures == []
+    assert cases.check_state(system.problem, system.mesh, solution.state, quantities).failures == []
     for name, value in quantities.items():
         if name in ("flow_rate_out", "outlet_pressure"):
             for lied in (quantities | {name: value * (1 + 2e-8)}, {k: v for k, v in quantities.items() if k != name}):
-                report = check_state(system.problem, system.mesh, solution.state, lied)
+                report = cases.check_state(system.problem, system.mesh, solution.state, lied)
                 assert failing(report) == {"outlet_difference"}
 
 
 OUTLETS = [
-    Outlet("do-nothing", hydrostatic=True),
-    Outlet("zero-traction", hydrostatic=True),
-    Outlet("pressure", 0.7, hydrostatic=True),
-    Outlet("resistance", 0.7, resistance=2.0, hydrostatic=True),
+    Outlet("do-nothing", hydrostatic=True), Outlet("zero-traction", hydrostatic=True),
+    Outlet("pressure", 0.7, hydrostatic=True), Outlet("resistance", 0.7, resistance=2.0, hydrostatic=True),
     dataclasses.replace(WINDKESSEL, hydrostatic=True),
-]
+]  # fmt: skip
 
 
 @pytest.mark.parametrize("outlet", OUTLETS, ids=lambda outlet: outlet.kind)
 @pytest.mark.parametrize("gravity", [(0.0, -9.0), (0.0, 9.0), (3.0, -9.0)])
 def test_fluid_rests_before_a_hydrostatic_outlet(outlet, gravity):
-    mesh, fluid = channel_mesh(), Fluid(1.3, Newtonian(VISCOSITY))
+    mesh, fluid = cases.channel_mesh(), Fluid(1.3, Newtonian(VISCOSITY))
     still = Inflow(lambda s, time: 0.0 * s)
-    problem = channel_problem(fluid=fluid, outlet=outlet, inflow=still, gravity=gravity)
+    problem = cases.channel_problem(fluid=fluid, outlet=outlet, inflow=still, gravity=gravity)
     top = np.array([LENGTH, HEIGHT if gravity[1] < 0 else 0.0])  # of the outlet, against gravity
     level = outlet.pressure
-    state = state_of(mesh, p=lambda x: level + 1.3 * ((x - top) @ np.array(gravity)))
+    state = cases.state_of(mesh, p=lambda x: level + 1.3 * ((x - top) @ np.array(gravity)))
     system = System.build(problem, mesh)
     for each in (system, system.stepping(state, Step(K, 0.6, K), level)):
         found = compute_residual(each, state).relative
@@ -130,8 +116,9 @@ def quasi_steady(outlet, theta_of, count, end=0.3, factor=None):
     theta = theta_of(k)
     flow = factor or (lambda time: 1.0)
     state, reservoir = (
-        state_of(system.mesh, v=lambda x: flow(0.0) * np.column_stack([profile(x[:, 1]), 0 * x[:, 1]])), 0.0,
-    )  # fmt: skip
+        cases.state_of(system.mesh, v=lambda x: flow(0.0) * np.column_stack([cases.profile(x[:, 1]), 0 * x[:, 1]])),
+        0.0,
+    )
     found = []
     for number in range(1, count + 1):
         step = Step(k, theta, number * k)
@@ -181,26 +168,26 @@ def test_outlets_and_supports_hold():
     assert after == pytest.approx(last, rel=1e-14)
     assert WINDKESSEL.during(Step(K, 0.6, K), FLOW, FLOW, last) == pytest.approx(WINDKESSEL.steady(FLOW), rel=1e-14)
     # v_x = y - 1/2 comes back below the height 1/2, an edge's end; w = (1, 0) and w = (0, 1).
-    mesh, outlet = channel_mesh(6, 4), Outlet("zero-traction", backflow=0.4)
+    mesh, outlet = cases.channel_mesh(6, 4), Outlet("zero-traction", backflow=0.4)
     system = poiseuille_system(outlet, mesh=mesh)
-    state = state_of(mesh, v=lambda x: np.column_stack([x[:, 1] - 0.5, 1.0 + x[:, 1]]))
+    state = cases.state_of(mesh, v=lambda x: np.column_stack([x[:, 1] - 0.5, 1.0 + x[:, 1]]))
     found = compute_residual(system, state).equations["momentum"].terms["backflow"].sum(axis=0)
     expected = [
         quad(lambda y: -0.4 * 1.3 * (y - 0.5) * (y - 0.5), 0.0, 0.5)[0],
         quad(lambda y: -0.4 * 1.3 * (y - 0.5) * (1.0 + y), 0.0, 0.5)[0],
     ]
     np.testing.assert_allclose(found, expected, rtol=1e-12)
-    away = state_of(mesh, v=lambda x: np.column_stack([0.1 + x[:, 1], 1.0 + x[:, 1]]))
+    away = cases.state_of(mesh, v=lambda x: np.column_stack([0.1 + x[:, 1], 1.0 + x[:, 1]]))
     assert not compute_residual(system, away).equations["momentum"].terms["backflow"].any()
     # Nothing else holds it, and it does not bulge: u_y at the bottom is the traction by the stiffness.
-    mesh = channel_mesh(region=2)
+    mesh = cases.channel_mesh(region=2)
     system = System.build(supported_block(solids={2: Solid(2.0, StVenantKirchhoff(0.0, 30.0))}), mesh)
     state = solve(system, tolerance=1e-11).state
     bottom = np.unique(mesh.edge_nodes[mesh.label == 4])
     np.testing.assert_allclose(state.u[bottom, 1], -1.5 / 20.0, rtol=1e-9)
     force = compute_residual(system, state).equations["momentum"].terms["support"].sum(axis=0)
     np.testing.assert_allclose(force, [0.0, -1.5 * LENGTH], rtol=1e-10, atol=1e-10)
-    system, state = random_step(supported_block(), channel_mesh(region=2))
+    system, state = random_step(supported_block(), cases.channel_mesh(region=2))
     found = compute_residual(system, state).equations["momentum"].terms["support"]
     step, old, mesh = system.increment.step, system.increment.old, system.mesh
     force = 20.0 * step.mean(state.u, old.u) + 3.0 * step.mean(state.v, old.v)
@@ -218,7 +205,7 @@ def supported_block(**changes):
         Boundary("bottom", 4, "supported"),
     )  # fmt: skip
     values = dict(boundaries=boundaries, gravity=(0.0, 0.0), traction=(0.0, -1.5), support=Support(20.0, 3.0))
-    return cantilever_problem(**(values | changes))
+    return cases.cantilever_problem(**(values | changes))
 
 
 # All of them together -------------------------------------------------------------------------------------------------
@@ -229,30 +216,30 @@ HELD = Support(8.0, 0.5)
 
 def vessel_problem(**changes):
     boundaries = tuple(
-        dataclasses.replace(b, role="supported") if b.role == "free" else b for b in roof_problem().boundaries
+        dataclasses.replace(b, role="supported") if b.role == "free" else b for b in cases.roof_problem().boundaries
     )
     values = dict(
         boundaries=boundaries, support=HELD,
         outlet=dataclasses.replace(WINDKESSEL, backflow=0.6, ramp=lambda time: 1.0 - 0.5 * math.exp(-5.0 * time)),
-        inflow=flow_in(lambda time: math.cos(8.0 * time)),
+        inflow=cases.flow_in(lambda time: math.cos(8.0 * time)),
     )  # fmt: skip
-    return roof_problem(**(values | changes))
+    return cases.roof_problem(**(values | changes))
 
 
 @pytest.mark.parametrize("steady", [True, False])
 def test_jacobian_is_the_derivative(steady):
-    system, state = random_step(vessel_problem(), roof_mesh(4))
+    system, state = random_step(vessel_problem(), cases.roof_mesh(4))
     if steady:
-        system = System.build(vessel_problem(), roof_mesh(4))
+        system = System.build(vessel_problem(), cases.roof_mesh(4))
     rng = np.random.default_rng(5)
     change = RawState(*(1e-3 * rng.normal(size=field.shape) for field in state.fields))
-    assert_jacobian_is_the_derivative(system, state, change, 1e-3)
+    cases.assert_jacobian_is_the_derivative(system, state, change, 1e-3)
 
 
 @pytest.fixture(scope="module")
 def vessel():
     """Arguments of ``check_step`` for the last of some steps, and the reservoir at its start."""
-    problem, mesh = vessel_problem(), roof_mesh(4)
+    problem, mesh = vessel_problem(), cases.roof_mesh(4)
     system = System.build(problem, mesh)
     states, reservoir = [rest(system)], 0.3
     for number in range(1, 5):
@@ -265,7 +252,7 @@ def vessel():
 
 def check(vessel, problem=None, reservoir=None, **lies):
     own, *arguments, quantities, start = vessel
-    return check_step(
+    return cases.check_step(
         problem or own, *arguments, quantities | lies, reservoir=start if reservoir is None else reservoir
     )
 
@@ -305,7 +292,7 @@ def test_reported_outlet_is_checked(vessel, name):
 
 def test_steady_solid_is_not_damped():
     held = Solid(2.0, StVenantKirchhoff(60.0, 30.0))
-    problem, mesh = supported_block(solids={2: held}), channel_mesh(region=2)
+    problem, mesh = supported_block(solids={2: held}), cases.channel_mesh(region=2)
     states = [
         solve(System.build(dataclasses.replace(problem, support=Support(20.0, damping)), mesh)).state
         for damping in (0.0, 100.0)

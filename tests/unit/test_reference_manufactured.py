@@ -1,5 +1,6 @@
 """Method of manufactured solutions: the orders in space. The sources are those of tests/manufactured.py."""
 
+import manufactured
 import numpy as np
 import pytest
 from manufactured import DENSITY, LAMBDA, MU, SOLID_DENSITY, VISCOSITY, Exact, det, divergence, gradient, vector
@@ -129,17 +130,8 @@ def vortices(x):
     return vector(np.sin(x[:, 0]) * np.cos(x[:, 1]), -0.8 * np.cos(x[:, 0]) * np.sin(x[:, 1]))
 
 
-def waves(x):
-    return vector(np.sin(1.5 * x[:, 0] + x[:, 1]), np.cos(x[:, 0] - 1.2 * x[:, 1]))
-
-
 def hills(x):
     return np.cos(2 * x[:, 0] + 1.5 * x[:, 1]) * np.sin(x[:, 1])
-
-
-def parabolas(x):
-    a, b = x.T
-    return vector(a**2 - 0.5 * a * b + b, 0.3 * b**2 + a * b - 0.4 * a)
 
 
 def steady(field):
@@ -172,7 +164,9 @@ LAWS = {
 @pytest.mark.parametrize("name", LAWS)
 def test_fluid_on_a_deformed_mesh_converges_in_space(name):
     law, viscosity = LAWS[name]
-    exact = Exact(lambda x, t: 0.08 * waves(x), velocity=steady(vortices), p=steady(hills), viscosity=viscosity)
+    exact = Exact(
+        lambda x, t: 0.08 * manufactured.waves(x), velocity=steady(vortices), p=steady(hills), viscosity=viscosity
+    )
     errors = []
     for n in (6, 12):
         system = fluid_system(n, exact, law)
@@ -185,19 +179,21 @@ def test_fluid_on_a_deformed_mesh_converges_in_space(name):
 
 
 def test_solids_converge_in_space():
-    exact = Exact(u=lambda x, t: 0.1 * waves(x), solid_velocity=lambda x, t: 0.0 * x + 0.0 * t)
+    exact = Exact(u=lambda x, t: 0.1 * manufactured.waves(x), solid_velocity=lambda x, t: 0.0 * x + 0.0 * t)
     errors = []
     for n in (6, 12):
         system = solid_system(n, exact, Solid(SOLID_DENSITY, StVenantKirchhoff(LAMBDA, MU)))
         state = solve(system, start=nodal(system, exact, 0.0)).state
-        errors.append([l2_error(system, system.solids[2].elements, state.u, lambda x: 0.1 * waves(x))])
+        errors.append([l2_error(system, system.solids[2].elements, state.u, lambda x: 0.1 * manufactured.waves(x))])
     assert_orders(errors, [3])
 
     def pressure(x, t):
-        jacobian = det(np.eye(2) + gradient(lambda z: 0.1 * waves(z), x))
+        jacobian = det(np.eye(2) + gradient(lambda z: 0.1 * manufactured.waves(z), x))
         return -LAMBDA * np.log(jacobian) / jacobian
 
-    assert_orders(solid_errors(waves, pressure, Solid(SOLID_DENSITY, NeoHookean(LAMBDA, MU), "mixed")), [3, 2])
+    assert_orders(
+        solid_errors(manufactured.waves, pressure, Solid(SOLID_DENSITY, NeoHookean(LAMBDA, MU), "mixed")), [3, 2]
+    )
 
     def shear(x):
         return vector(3.0 * np.sin(1.5 * x[:, 1]), 0.0)

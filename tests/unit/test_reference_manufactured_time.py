@@ -4,8 +4,8 @@ import dataclasses
 
 import numpy as np
 import pytest
-from manufactured import LAMBDA, MU, SOLID_DENSITY, SWINGING, Exact, beating, vector
-from test_reference_manufactured import LAWS, assert_orders, both_system, fluid_system, nodal, parabolas, solid_system
+from manufactured import LAMBDA, MU, SOLID_DENSITY, SWINGING, Exact, beating, parabolas, planes, vector
+from test_reference_manufactured import LAWS, assert_orders, both_system, fluid_system, nodal, solid_system
 from test_reference_step import WRONG_FLUID, wrong_pressure
 
 from ffsi.reference import terms
@@ -55,10 +55,6 @@ def unsheared(place, t):
     """Reference points of places on the sheared mesh."""
     s, (x, y) = SWINGING(t), place.T
     return vector((x - s * y**2) / (1.0 + s), y)
-
-
-def planes(x):
-    return 0.7 - 0.5 * x[:, 0] + 0.9 * x[:, 1]
 
 
 def fluid_on_a_moving_mesh():

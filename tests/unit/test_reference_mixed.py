@@ -5,22 +5,9 @@ import math
 
 import numpy as np
 import pytest
+import test_reference_cases as cases
 from scipy.optimize import brentq
-from test_reference_cases import (
-    HEIGHT,
-    LENGTH,
-    assert_jacobian_is_the_derivative,
-    cantilever_problem,
-    channel_mesh,
-    channel_problem,
-    check_state,
-    flap_mesh,
-    flap_problem,
-    loaded_problem,
-    roof_mesh,
-    roof_problem,
-    state_of,
-)
+from test_reference_cases import HEIGHT, LENGTH
 
 from ffsi.files.arrays import RawState
 from ffsi.reference.materials import MooneyRivlin, NeoHookean, StVenantKirchhoff
@@ -31,11 +18,9 @@ from ffsi.reference.system import System
 
 MU, LAMBDA = 30.0, 60.0
 MIXED = [
-    Solid(1.5, NeoHookean(LAMBDA, MU), "mixed"),
-    Solid(1.5, NeoHookean(math.inf, MU), "incompressible"),
-    Solid(1.5, MooneyRivlin(6.0, 9.0, 80.0), "mixed"),
-    Solid(1.5, MooneyRivlin(6.0, 9.0, math.inf), "incompressible"),
-]
+    Solid(1.5, NeoHookean(LAMBDA, MU), "mixed"), Solid(1.5, NeoHookean(math.inf, MU), "incompressible"),
+    Solid(1.5, MooneyRivlin(6.0, 9.0, 80.0), "mixed"), Solid(1.5, MooneyRivlin(6.0, 9.0, math.inf), "incompressible"),
+]  # fmt: skip
 
 
 def name_of(solid):
@@ -46,14 +31,14 @@ solid = pytest.fixture(lambda request: request.param, params=MIXED, ids=name_of)
 
 
 def cantilever(solid, nx=12, ny=6):
-    return System.build(cantilever_problem(solids={2: solid}), channel_mesh(nx, ny, region=2))
+    return System.build(cases.cantilever_problem(solids={2: solid}), cases.channel_mesh(nx, ny, region=2))
 
 
 def stretched(solid, stretch, lateral, traction, pressure):
     """Solve a block whose left side is held at the width of the homogeneous solution; return the largest errors."""
-    mesh = channel_mesh(grading=1.5, region=2)
-    system = System.build(loaded_problem(solids={2: solid}, traction=(traction, 0.0)), mesh)
-    exact, rows = state_of(mesh, u=lambda x: x * [stretch - 1.0, lateral - 1.0]), system.rows
+    mesh = cases.channel_mesh(grading=1.5, region=2)
+    system = System.build(cases.loaded_problem(solids={2: solid}, traction=(traction, 0.0)), mesh)
+    exact, rows = cases.state_of(mesh, u=lambda x: x * [stretch - 1.0, lateral - 1.0]), system.rows
     prescribed = np.where(rows.u_given[:, None], exact.u, 0.0)
     held = dataclasses.replace(rows, prescribed=dataclasses.replace(rows.prescribed, u=prescribed))
     solution = solve(dataclasses.replace(system, rows=held), tolerance=1e-12)
@@ -167,9 +152,9 @@ def test_jacobian_is_the_derivative_and_newton_converges_quadratically(solid):
     equation = compute_residual(system, random_state(system, 6)).equations["momentum"]
     assert equation.terms.keys() == {"gravity", "stress in region 2", "pressure in region 2"}
     solids = {2: Solid(2.0, StVenantKirchhoff(60.0, 30.0)), 3: solid}
-    system = System.build(roof_problem(solids=solids), roof_mesh(4))
-    assert_jacobian_is_the_derivative(system, random_state(system, 7), random_state(system, 8))
-    system = System.build(flap_problem(solids={2: dataclasses.replace(solid, density=2.0)}), flap_mesh())
+    system = System.build(cases.roof_problem(solids=solids), cases.roof_mesh(4))
+    cases.assert_jacobian_is_the_derivative(system, random_state(system, 7), random_state(system, 8))
+    system = System.build(cases.flap_problem(solids={2: dataclasses.replace(solid, density=2.0)}), cases.flap_mesh())
     solution = solve(system, tolerance=1e-10)
     assert solution.steps == [1.0] * 5 and np.abs(solution.state.u).max() > 0.05
     *_, before, last = solution.corrections
@@ -180,11 +165,11 @@ def test_jacobian_is_the_derivative_and_newton_converges_quadratically(solid):
 
 
 def test_solids_without_a_pressure_are_solved_too():
-    system = System.build(cantilever_problem(), channel_mesh(region=2))
+    system = System.build(cases.cantilever_problem(), cases.channel_mesh(region=2))
     assert solve(system).state.ps.shape == (0, len(system.mesh.vertices))
-    assert "incompressibility" not in compute_residual(system, state_of(system.mesh)).equations
+    assert "incompressibility" not in compute_residual(system, cases.state_of(system.mesh)).equations
     solids = {2: Solid(2.0, StVenantKirchhoff(60.0, 30.0)), 3: Solid(1.0, NeoHookean(20.0, 10.0))}
-    system = System.build(roof_problem(solids=solids), roof_mesh(4))
+    system = System.build(cases.roof_problem(solids=solids), cases.roof_mesh(4))
     solution = solve(system)
     assert failing(system.problem, system.mesh, solution.state) == set()
     assert {f"stress in region {region}" for region in solids} < solution.residual.equations["momentum"].terms.keys()
@@ -192,19 +177,21 @@ def test_solids_without_a_pressure_are_solved_too():
 
 @pytest.fixture(scope="module")
 def roof():
-    problem, mesh = roof_problem(), roof_mesh()
+    problem, mesh = cases.roof_problem(), cases.roof_mesh()
     system = System.build(problem, mesh)
     return problem, mesh, solve(system, tolerance=1e-11).state
 
 
 def failing(problem, mesh, state):
-    report = check_state(problem, mesh, state, {})
+    report = cases.check_state(problem, mesh, state, {})
     return {text.split(":")[0] for text in report.failures} - {"recomputed", "drag_difference", "lift_difference"}
 
 
 def test_two_mixed_solids_pass_and_wrong_pressures_are_refused(roof):
     problem, mesh, state = roof
-    assert failing(problem, mesh, state) == set() and check_state(problem, mesh, state, {}).incompressibility < 1e-10
+    assert (
+        failing(problem, mesh, state) == set() and cases.check_state(problem, mesh, state, {}).incompressibility < 1e-10
+    )
     for region in (2, 3):
         assert np.abs(state.u[np.unique(mesh.p2[mesh.region == region])]).max() > 0.02
     for region, pressure in zip((2, 3), state.ps, strict=True):
@@ -240,9 +227,9 @@ def test_state_of_another_number_of_mixed_solids_is_an_error(roof, count):
     problem, mesh, state = roof
     changed = dataclasses.replace(state, ps=np.zeros((count, len(mesh.vertices))))
     with pytest.raises(ValueError, match=f"flap: the state has pressures of {count} mixed solids, the problem 2"):
-        check_state(problem, mesh, changed, {})
+        cases.check_state(problem, mesh, changed, {})
     with pytest.raises(ValueError, match="state of shapes"):
-        check_state(problem, mesh, dataclasses.replace(state, ps=np.zeros((2, 5))), {})
+        cases.check_state(problem, mesh, dataclasses.replace(state, ps=np.zeros((2, 5))), {})
 
 
 @pytest.mark.parametrize(("material", "formulation", "message"), [
@@ -260,10 +247,10 @@ def test_formulations_that_a_material_has_not_are_refused(material, formulation,
 
 def test_what_a_problem_lacks_is_refused():
     with pytest.raises(ValueError, match="a traction but no loaded boundary"):
-        cantilever_problem(traction=(0.0, 1.0))
-    motion = dataclasses.replace(flap_problem().mesh_motion, distance_exponent=1.0)
+        cases.cantilever_problem(traction=(0.0, 1.0))
+    motion = dataclasses.replace(cases.flap_problem().mesh_motion, distance_exponent=1.0)
     with pytest.raises(ValueError, match="by the distance from the interface, but no interface"):
-        channel_problem(mesh_motion=motion)
-    boundaries = tuple(b for b in roof_problem().boundaries if b.name != "roof")
+        cases.channel_problem(mesh_motion=motion)
+    boundaries = tuple(b for b in cases.roof_problem().boundaries if b.name != "roof")
     with pytest.raises(ValueError, match="4 edges between fluid and solid are no interface of the problem"):
-        System.build(roof_problem(boundaries=(*boundaries, Boundary("roof", 10, "free"))), roof_mesh(4))
+        System.build(cases.roof_problem(boundaries=(*boundaries, Boundary("roof", 10, "free"))), cases.roof_mesh(4))

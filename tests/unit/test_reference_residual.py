@@ -4,27 +4,9 @@ import dataclasses
 
 import numpy as np
 import pytest
+import test_reference_cases as cases
 from structured import structured_mesh
-from test_reference_cases import (
-    HEIGHT,
-    LENGTH,
-    MEAN_VELOCITY,
-    areas,
-    assert_jacobian_is_the_derivative,
-    box_problem,
-    bump_mesh,
-    bump_problem,
-    cantilever_problem,
-    channel_mesh,
-    channel_problem,
-    flap_mesh,
-    flap_problem,
-    loaded_problem,
-    profile,
-    roof_mesh,
-    roof_problem,
-    state_of,
-)
+from test_reference_cases import HEIGHT, LENGTH, MEAN_VELOCITY, box_problem, channel_mesh, channel_problem, state_of
 
 from ffsi.files.arrays import RawState
 from ffsi.reference.conditions import Inflow, Outlet
@@ -103,26 +85,26 @@ def test_do_nothing_outlet_holds_for_stagnation_flow_in_any_direction(turn):
 def test_linear_mesh_motion_is_its_energy_s_derivative_and_has_a_scale():
     # For a linear u, u . R(u) is twice the energy: the sum of alpha_K A_K (|H|^2 + beta (tr H)^2).
     exponent, weight = 1.5, 0.7
-    problem, mesh = flap_problem(mesh_motion=MeshMotion(exponent, weight)), flap_mesh(4)
+    problem, mesh = cases.flap_problem(mesh_motion=MeshMotion(exponent, weight)), cases.flap_mesh(4)
     mesh = dataclasses.replace(mesh, vertices=mesh.vertices + _wiggle(mesh.vertices))
     gradient = np.array([[0.02, 0.11], [-0.05, 0.03]])
     state = state_of(mesh, u=lambda x: x @ gradient.T)
     rows = compute_residual(System.build(problem, mesh), state).equations["mesh_motion"].residual
-    area = areas(mesh)[mesh.region == 1]
+    area = cases.areas(mesh)[mesh.region == 1]
     alpha = (area.max() / area) ** exponent
     expected = (alpha * area).sum() * ((gradient**2).sum() + weight * np.trace(gradient) ** 2)
     np.testing.assert_allclose((state.u * rows).sum(), expected, rtol=1e-13)
     assert area.max() / area.min() > 1.2
-    mesh = flap_mesh(4)
+    mesh = cases.flap_mesh(4)
     state = state_of(mesh, u=lambda x: x @ np.array([[0.02, 0.11], [-0.05, 0.03]]).T)
-    assert relative(flap_problem(), mesh, state)["mesh_motion"] < ROUNDING
+    assert relative(cases.flap_problem(), mesh, state)["mesh_motion"] < ROUNDING
     graded = dataclasses.replace(mesh, vertices=mesh.vertices + _wiggle(mesh.vertices))
     state = state_of(graded, u=lambda x: x @ np.array([[0.02, 0.11], [-0.05, 0.03]]).T)
-    assert relative(flap_problem(), graded, state)["mesh_motion"] > 1e-3
+    assert relative(cases.flap_problem(), graded, state)["mesh_motion"] > 1e-3
     # Each component is an equation of its own: a scale by component would be the residual itself.
-    mesh = flap_mesh(4)
+    mesh = cases.flap_mesh(4)
     state = state_of(mesh, u=lambda x: np.column_stack([x[:, 0] * x[:, 1], 0 * x[:, 0]]))
-    problem = flap_problem(mesh_motion=MeshMotion(0.0, 0.0))
+    problem = cases.flap_problem(mesh_motion=MeshMotion(0.0, 0.0))
     assert relative(problem, mesh, state)["mesh_motion"] < ROUNDING
     state = state_of(mesh, u=lambda x: np.column_stack([x[:, 0] ** 2, 0 * x[:, 0]]))
     assert relative(problem, mesh, state)["mesh_motion"] > 0.1
@@ -134,19 +116,19 @@ def _wiggle(points):
 
 
 def graded_flap_mesh():
-    mesh = flap_mesh(4)
+    mesh = cases.flap_mesh(4)
     return dataclasses.replace(mesh, vertices=mesh.vertices + _wiggle(mesh.vertices))
 
 
 def test_hyperelastic_mesh_motion_is_the_derivative_of_its_energy():
     # The energy by its definition and its derivative by a complex step: neither knows the stress.
     exponent, weight = 1.5, 0.7
-    problem, mesh = flap_problem(mesh_motion=MeshMotion(exponent, weight, "hyperelastic")), graded_flap_mesh()
+    problem, mesh = cases.flap_problem(mesh_motion=MeshMotion(exponent, weight, "hyperelastic")), graded_flap_mesh()
     system, rng = System.build(problem, mesh), np.random.default_rng(6)
     state = state_of(mesh, u=lambda x: 0.008 * rng.normal(size=x.shape))
     residual = compute_residual(system, state)
     assert 0.1 < residual.min_jacobian < 0.9
-    elements, area = system.fluid.elements, areas(mesh)[mesh.region == 1]
+    elements, area = system.fluid.elements, cases.areas(mesh)[mesh.region == 1]
     alpha = (area.max() / area) ** exponent
 
     def energy(u):
@@ -163,7 +145,7 @@ def test_hyperelastic_mesh_motion_is_the_derivative_of_its_energy():
 
 
 def test_hyperelastic_mesh_motion_is_linear_elasticity_for_small_displacements():
-    mesh, problem = graded_flap_mesh(), flap_problem(mesh_motion=MeshMotion(1.0, 0.7, "hyperelastic"))
+    mesh, problem = graded_flap_mesh(), cases.flap_problem(mesh_motion=MeshMotion(1.0, 0.7, "hyperelastic"))
     for state in (
         state_of(mesh, u=lambda x: 0 * x + np.array([0.3, -0.2])),
         state_of(mesh, u=lambda x: x @ (ROTATION - np.eye(2)).T + np.array([0.3, -0.2])),
@@ -172,11 +154,11 @@ def test_hyperelastic_mesh_motion_is_linear_elasticity_for_small_displacements()
         for term in equation.terms.values():
             np.testing.assert_allclose(term, 0.0, atol=1e-14)
     # The linear equation is not: a rotation by a finite angle strains it.
-    assert relative(flap_problem(), mesh, state)["mesh_motion"] > 1e-3
+    assert relative(cases.flap_problem(), mesh, state)["mesh_motion"] > 1e-3
     weight, mesh = 0.7, graded_flap_mesh()
     rng, size = np.random.default_rng(7), 1e-8
     state = state_of(mesh, u=lambda x: size * rng.normal(size=x.shape))
-    system = System.build(flap_problem(mesh_motion=MeshMotion(1.0, weight, "hyperelastic")), mesh)
+    system = System.build(cases.flap_problem(mesh_motion=MeshMotion(1.0, weight, "hyperelastic")), mesh)
     rows = compute_residual(system, state).equations["mesh_motion"].residual
     elements = system.fluid.elements
     gradient = np.einsum("tai,tqaj->tqij", state.u[elements.nodes], elements.gradients)
@@ -186,7 +168,7 @@ def test_hyperelastic_mesh_motion_is_linear_elasticity_for_small_displacements()
     expected = np.zeros_like(rows)
     np.add.at(expected, elements.nodes, np.einsum("tq,tqij,tqaj->tai", weights, hooke, elements.gradients))
     np.testing.assert_allclose(rows, expected, rtol=0, atol=1e-5 * np.abs(expected).max())
-    mesh, problem = flap_mesh(4), flap_problem(mesh_motion=MeshMotion(1.0, 0.7, "hyperelastic"))
+    mesh, problem = cases.flap_mesh(4), cases.flap_problem(mesh_motion=MeshMotion(1.0, 0.7, "hyperelastic"))
     state = state_of(mesh, u=lambda x: 0.05 * np.sin(3.0 * x[:, ::-1]) * x)
     equation = compute_residual(System.build(problem, mesh), state).equations["mesh_motion"]
     assert equation.terms.keys() == {"shape", "volume"}
@@ -202,7 +184,7 @@ LINEAR_ELASTIC = MeshMotion(1.5, 0.7, "linear-elastic")
 def test_linear_elastic_mesh_motion_is_hookes_law():
     mesh, rng = graded_flap_mesh(), np.random.default_rng(8)
     state = state_of(mesh, u=lambda x: rng.normal(size=x.shape))
-    system = System.build(flap_problem(mesh_motion=LINEAR_ELASTIC), mesh)
+    system = System.build(cases.flap_problem(mesh_motion=LINEAR_ELASTIC), mesh)
     equation = compute_residual(system, state).equations["mesh_motion"]
     assert equation.terms.keys() == {"d/dx", "d/dy", "divergence", "transposed"}
     elements = system.fluid.elements
@@ -217,10 +199,10 @@ def test_linear_elastic_mesh_motion_is_hookes_law():
     assert equation.scale(equation.rows) == pytest.approx(largest, rel=1e-14)
     mesh = graded_flap_mesh()
     state = state_of(mesh, u=lambda x: x @ np.array([[0.0, -0.01], [0.01, 0.0]]).T + np.array([0.3, -0.2]))
-    equation = compute_residual(System.build(flap_problem(mesh_motion=LINEAR_ELASTIC), mesh), state)
+    equation = compute_residual(System.build(cases.flap_problem(mesh_motion=LINEAR_ELASTIC), mesh), state)
     np.testing.assert_allclose(equation.equations["mesh_motion"].residual, 0.0, atol=1e-14)
     # The harmonic one has: its d/dx and d/dy parts do not cancel.
-    assert relative(flap_problem(mesh_motion=MeshMotion(1.5, 0.7)), mesh, state)["mesh_motion"] > 1e-3
+    assert relative(cases.flap_problem(mesh_motion=MeshMotion(1.5, 0.7)), mesh, state)["mesh_motion"] > 1e-3
 
 
 def bar_of_three():
@@ -245,7 +227,7 @@ def test_stiffness_by_the_distance_from_the_interface(kind):
     state = state_of(mesh, u=lambda x: 0.02 * rng.normal(size=x.shape))
     rows, alpha = [], []
     for n in (0.0, exponent):
-        problem = flap_problem(boundaries=boundaries, mesh_motion=MeshMotion(1.0, 0.7, kind, n))
+        problem = cases.flap_problem(boundaries=boundaries, mesh_motion=MeshMotion(1.0, 0.7, kind, n))
         system = System.build(problem, mesh)
         rows.append(compute_residual(system, state).equations["mesh_motion"].residual)
         alpha.append(system.fluid.alpha)
@@ -262,33 +244,33 @@ def test_stiffness_by_the_distance_from_the_interface(kind):
 
 
 def test_kinematics_distance_and_smallest_jacobian():
-    mesh, problem = roof_mesh(4), roof_problem(mesh_motion=MeshMotion(0.0, 1.0, "harmonic", 1.0))
+    mesh, problem = cases.roof_mesh(4), cases.roof_problem(mesh_motion=MeshMotion(0.0, 1.0, "harmonic", 1.0))
     system = System.build(problem, mesh)
     nodes = np.unique(mesh.edge_nodes[np.isin(mesh.label, [5, 10])])
     centroids = mesh.vertices[system.fluid.elements.vertices].mean(axis=1)
     offset = centroids[:, None] - mesh.p2_coordinates[nodes]
     distance = np.hypot(*offset.transpose(2, 0, 1)).min(axis=1)
     np.testing.assert_allclose(system.fluid.alpha, distance.max() / distance, rtol=1e-13)
-    mesh, problem = flap_mesh(4), flap_problem(mesh_motion=MeshMotion(1.0, 0.7, "hyperelastic"))
+    mesh, problem = cases.flap_mesh(4), cases.flap_problem(mesh_motion=MeshMotion(1.0, 0.7, "hyperelastic"))
     state = state_of(mesh, u=lambda x: x * np.array([-1.5, 0.0]))
     assert relative(problem, mesh, state)["mesh_motion"] == np.inf
     state = state_of(mesh, p=lambda x: np.full(len(x), np.nan))
     assert relative(problem, mesh, state)["momentum"] == np.inf
-    mesh = flap_mesh(4)
+    mesh = cases.flap_mesh(4)
     for squeezed in (0.4, 0.7):
         state = state_of(mesh, u=lambda x, s=squeezed: x * np.array([s - 1.0, 0.0]))
-        found = compute_residual(System.build(flap_problem(), mesh), state).min_jacobian
+        found = compute_residual(System.build(cases.flap_problem(), mesh), state).min_jacobian
         assert found == pytest.approx(squeezed, rel=1e-13)
     state = state_of(mesh, v=lambda x: np.column_stack([4.0 + 0 * x[:, 0], 3.0 + 0 * x[:, 0]]))
     solid = np.unique(mesh.p2[mesh.region == 2])
     state.v[solid] = 0.0
-    assert relative(flap_problem(), mesh, state)["kinematics"] == 0.0
+    assert relative(cases.flap_problem(), mesh, state)["kinematics"] == 0.0
     state.v[solid[5]] = [0.0, -0.05]
-    assert relative(flap_problem(), mesh, state)["kinematics"] == pytest.approx(0.01)
+    assert relative(cases.flap_problem(), mesh, state)["kinematics"] == pytest.approx(0.01)
 
 
 def test_loads_of_solids_are_stress_weight_and_traction():
-    problem, mesh = cantilever_problem(gravity=(0.0, 0.0)), channel_mesh(region=2)
+    problem, mesh = cases.cantilever_problem(gravity=(0.0, 0.0)), channel_mesh(region=2)
     gradient = np.array([[0.1, 0.3], [-0.2, 0.15]])
     state, system = state_of(mesh, u=lambda x: x @ gradient.T), System.build(problem, mesh)
     residual = compute_residual(system, state).equations["momentum"].residual
@@ -303,7 +285,7 @@ def test_loads_of_solids_are_stress_weight_and_traction():
     # Simpson's weights: a corner of the side carries a sixth of its last edge.
     np.testing.assert_allclose(total, stress[:, 0] * (HEIGHT - 2 * HEIGHT / 4 / 6), rtol=1e-13)
     mesh = channel_mesh(region=2)
-    rows = compute_residual(System.build(cantilever_problem(), mesh), state_of(mesh)).equations["momentum"].terms
+    rows = compute_residual(System.build(cases.cantilever_problem(), mesh), state_of(mesh)).equations["momentum"].terms
     np.testing.assert_allclose(rows["gravity"].sum(axis=0), [0.0, 1.5 * LENGTH * HEIGHT], rtol=1e-14)
     mesh = channel_mesh()
     state = deformed_state(mesh, velocity=lambda x: 0 * x, pressure=lambda x: 0 * x[:, 0])
@@ -311,7 +293,7 @@ def test_loads_of_solids_are_stress_weight_and_traction():
     weight = DENSITY * 2.0 * np.linalg.det(DEFORMATION) * LENGTH * HEIGHT
     np.testing.assert_allclose(rows["gravity"].sum(axis=0), [0.0, weight], rtol=1e-14)
     mesh, load = channel_mesh(grading=1.5, region=2), (1.5, -0.8)
-    problem = loaded_problem(traction=load)
+    problem = cases.loaded_problem(traction=load)
     equation = compute_residual(System.build(problem, mesh), state_of(mesh, u=lambda x: 0.1 * x)).equations["momentum"]
     found = equation.terms["traction"]
     np.testing.assert_allclose(found.sum(axis=0), -np.array(load) * HEIGHT, rtol=1e-14)
@@ -319,13 +301,13 @@ def test_loads_of_solids_are_stress_weight_and_traction():
     moment = (mesh.p2_coordinates[:, 1:] * found).sum(axis=0)
     np.testing.assert_allclose(moment, -np.array(load) * HEIGHT**2 / 2, rtol=1e-14)
     assert (found[mesh.p2_coordinates[:, 0] < LENGTH] == 0.0).all()
-    equation = compute_residual(System.build(cantilever_problem(), mesh), state_of(mesh)).equations["momentum"]
+    equation = compute_residual(System.build(cases.cantilever_problem(), mesh), state_of(mesh)).equations["momentum"]
     assert "traction" not in equation.terms
 
 
 def test_rows_and_prescribed_values():
-    mesh = flap_mesh(4)
-    rows = System.build(flap_problem(), mesh).rows
+    mesh = cases.flap_mesh(4)
+    rows = System.build(cases.flap_problem(), mesh).rows
     solid = np.isin(np.arange(mesh.n_p2), mesh.p2[mesh.region == 2])
     x, y = mesh.p2_coordinates.T
     on_wall = (y == 0.0) | (y == HEIGHT)
@@ -337,11 +319,11 @@ def test_rows_and_prescribed_values():
     np.testing.assert_array_equal(rows.continuity, ~rows.p_given)
     inside = (mesh.vertices[:, 0] > 0.75) & (mesh.vertices[:, 0] < 1.0) & (mesh.vertices[:, 1] < 0.5)
     np.testing.assert_array_equal(rows.p_given, inside)
-    mesh, problem = bump_mesh(), bump_problem()
+    mesh, problem = cases.bump_mesh(), cases.bump_problem()
     rows = System.build(problem, mesh).rows
     assert rows.u_given.all()
     inlet = mesh.p2_coordinates[:, 0] == 0.0
-    np.testing.assert_allclose(rows.prescribed.v[inlet, 0], profile(mesh.p2_coordinates[inlet, 1]), rtol=1e-15)
+    np.testing.assert_allclose(rows.prescribed.v[inlet, 0], cases.profile(mesh.p2_coordinates[inlet, 1]), rtol=1e-15)
     assert (rows.prescribed.v[~inlet] == 0.0).all() and (rows.prescribed.v[:, 1] == 0.0).all()
     *centre, radius = (1.0, -0.3, 0.5)
     middle = mesh.edge_nodes[mesh.label == 5, 2]
@@ -355,8 +337,8 @@ def test_rows_and_prescribed_values():
     np.testing.assert_array_equal(values, (x == 0.0) & (y > 0.0) & (y < HEIGHT))
     mesh = channel_mesh(region=2)
     arc = Boundary("root", 1, "clamped", circle=(0.5, 0.5, np.hypot(0.5, 0.5)))
-    boundaries = (arc, *cantilever_problem().boundaries[1:])
-    rows = System.build(cantilever_problem(boundaries=boundaries), mesh).rows
+    boundaries = (arc, *cases.cantilever_problem().boundaries[1:])
+    rows = System.build(cases.cantilever_problem(boundaries=boundaries), mesh).rows
     np.testing.assert_array_equal(rows.u_given, mesh.p2_coordinates[:, 0] == 0.0)
     assert (rows.prescribed.u == 0.0).all()
 
@@ -383,7 +365,7 @@ def test_an_inflow_keeps_its_flow_rate_whatever_its_walls_take_away():
 def test_wrong_meshes_are_refused():
     mesh = channel_mesh()
     with pytest.raises(ValueError, match=r"the mesh has the regions \[1\], expected \[1, 2\]"):
-        System.build(flap_problem(), mesh)
+        System.build(cases.flap_problem(), mesh)
     boundaries = channel_problem().boundaries
     with pytest.raises(
         ValueError, match=r"6 edges of the outer boundary have no boundary of the problem, labels \[4\]"
@@ -402,13 +384,13 @@ def test_wrong_meshes_are_refused():
     (dict(inflow=None), "a boundary with the role inlet, but nothing that says what it does"),
     (dict(outlet=None), "a boundary with the role outlet, but nothing that says what it does"),
     (dict(mesh_motion=MeshMotion(1.0, 1.0, "elastic")), "mesh motion 'elastic', accepted"),
-    (dict(solids={1: flap_problem().solids[2]}), "solid in region 1, solids start at 2"),
+    (dict(solids={1: cases.flap_problem().solids[2]}), "solid in region 1, solids start at 2"),
     (dict(boundaries=(Boundary("a", 3, "wall"),)), r"unknown boundary role \['wall'\]"),
     (dict(boundaries=(Boundary("a", 3, "free"), Boundary("b", 3, "free"))), "two boundaries have the same label"),
 ])  # fmt: skip
 def test_incomplete_problems_are_refused(changes, message):
     with pytest.raises(ValueError, match=message):
-        flap_problem(**changes)
+        cases.flap_problem(**changes)
 
 
 # The counts that exact Newton achieves: a wrong Jacobian needs more.
@@ -422,13 +404,13 @@ KINDS = ["harmonic", "linear-elastic", "hyperelastic"]
 
 @pytest.fixture(scope="module", params=KINDS)
 def random_flap(request):
-    mesh, rng = flap_mesh(4), np.random.default_rng(4)
+    mesh, rng = cases.flap_mesh(4), np.random.default_rng(4)
     state = RawState(
         u=0.005 * rng.normal(size=(mesh.n_p2, 2)),
         v=rng.normal(size=(mesh.n_p2, 2)),
         p=rng.normal(size=len(mesh.vertices)),
     )
-    system = System.build(flap_problem(mesh_motion=MeshMotion(1.5, 0.6, request.param, 0.8)), mesh)
+    system = System.build(cases.flap_problem(mesh_motion=MeshMotion(1.5, 0.6, request.param, 0.8)), mesh)
     assert compute_residual(system, state).min_jacobian > 0.1
     return system, state
 
@@ -437,18 +419,18 @@ def test_jacobian_is_the_derivative_and_poiseuille_flow_exact(random_flap):
     system, state = random_flap
     rng = np.random.default_rng(5)
     change = RawState(*(rng.normal(size=field.shape) for field in state.fields))
-    assert_jacobian_is_the_derivative(system, state, change, 1e-6, 1e-7)
+    cases.assert_jacobian_is_the_derivative(system, state, change, 1e-6, 1e-7)
     mesh = channel_mesh()
     # The continuity's terms vanish in this flow, which leaves rounding of about 1e-10 of its scale.
     solution = solve(System.build(channel_problem(), mesh), tolerance=1e-9)
     x, y = mesh.p2_coordinates.T
     drop = 12.0 * 0.05 * MEAN_VELOCITY / HEIGHT**2
-    np.testing.assert_allclose(solution.state.v, np.column_stack([profile(y), 0 * x]), rtol=0, atol=1e-13)
+    np.testing.assert_allclose(solution.state.v, np.column_stack([cases.profile(y), 0 * x]), rtol=0, atol=1e-13)
     np.testing.assert_allclose(solution.state.p, drop * (LENGTH - mesh.vertices[:, 0]), rtol=0, atol=1e-12)
     assert (solution.state.u == 0.0).all() and len(solution.steps) == POISEUILLE_ITERATIONS
     solution = solve(System.build(channel_problem(outlet=Outlet("zero-traction")), mesh))
     assert np.abs(solution.state.v[:, 1]).max() > 1e-2 * MEAN_VELOCITY
-    solution = solve(System.build(bump_problem(), bump_mesh()))
+    solution = solve(System.build(cases.bump_problem(), cases.bump_mesh()))
     assert len(solution.steps) == BUMP_ITERATIONS and solution.residual.relative.keys() == {"momentum", "continuity"}
 
 
@@ -460,7 +442,7 @@ def test_jacobian_is_the_derivative_and_poiseuille_flow_exact(random_flap):
     (dict(solids={2: Solid(2.0, MooneyRivlin(6.0, 9.0, 800.0))}), FLAP_ITERATIONS + 1),
 ], ids=str)  # fmt: skip
 def test_flap_converges_quadratically(changes, iterations):
-    solution = solve(System.build(flap_problem(**changes), flap_mesh()), tolerance=1e-10)
+    solution = solve(System.build(cases.flap_problem(**changes), cases.flap_mesh()), tolerance=1e-10)
     assert solution.steps == [1.0] * iterations and np.abs(solution.state.u).max() > 0.05
     # Quadratic: the digits double. 2.5 leaves room for the constant; a wrong Jacobian gives a factor of 1.
     *_, before, last = solution.corrections
@@ -472,7 +454,7 @@ def test_flap_converges_quadratically(changes, iterations):
 def test_cantilever_makes_its_potential_energy_stationary(traction):
     # The energy knows nothing of the stress formula: its derivative by a complex step, in random directions.
     mesh = channel_mesh(nx=12, region=2)
-    system = System.build(loaded_problem(traction=traction) if traction else cantilever_problem(), mesh)
+    system = System.build(cases.loaded_problem(traction=traction) if traction else cases.cantilever_problem(), mesh)
     solution = solve(system)
     assert np.abs(solution.state.u).max() > 0.1 and (traction or len(solution.steps) == CANTILEVER_ITERATIONS)
     part = system.solids[2]
@@ -506,7 +488,7 @@ def test_slender_cantilever_follows_the_elastica():
     mesh = structured_mesh(
         np.linspace(0, 1, 51), np.linspace(0, thickness, 3), lambda x, y: 2, lambda x, y: {0.0: 6, 1.0: 12}.get(x, 7)
     )
-    problem = loaded_problem(boundaries=boundaries, solids={2: Solid(0.0, material)}, traction=(0.0, load))
+    problem = cases.loaded_problem(boundaries=boundaries, solids={2: Solid(0.0, material)}, traction=(0.0, load))
     solution = solve(System.build(problem, mesh), tolerance=1e-8)
     tip = np.argmin(np.abs(mesh.p2_coordinates - [1.0, thickness / 2]).sum(axis=1))
     # This coarse mesh is a little too stiff: the differences halve with the element size.
@@ -516,8 +498,8 @@ def test_slender_cantilever_follows_the_elastica():
 def test_inverting_steps_and_too_few_iterations_are_refused():
     soft = {2: Solid(2.0, StVenantKirchhoff(4.0, 2.0))}
     with pytest.raises(ConvergenceError, match=r"every step turns a triangle inside out|not converged"):
-        solve(System.build(flap_problem(solids=soft), flap_mesh()))
-    system = System.build(cantilever_problem(), channel_mesh(region=2))
+        solve(System.build(cases.flap_problem(solids=soft), cases.flap_mesh()))
+    system = System.build(cases.cantilever_problem(), channel_mesh(region=2))
     rest = state_of(system.mesh)
     squeeze = state_of(system.mesh, u=lambda x: -2.5 * x * np.array([1.0, 0.0]))
     state, residual, step = damped_step(system, rest, squeeze)
@@ -527,16 +509,16 @@ def test_inverting_steps_and_too_few_iterations_are_refused():
     with pytest.raises(ConvergenceError, match="every step turns a triangle inside out"):
         damped_step(system, rest, RawState(1e4 * squeeze.u, squeeze.v, squeeze.p))
     with pytest.raises(ConvergenceError, match=r"flap: not converged, relative residuals \[.*, .*\]"):
-        solve(System.build(flap_problem(), flap_mesh(4)), max_iterations=2)
-    loose = tuple(dataclasses.replace(b, role="free") for b in cantilever_problem().boundaries)
+        solve(System.build(cases.flap_problem(), cases.flap_mesh(4)), max_iterations=2)
+    loose = tuple(dataclasses.replace(b, role="free") for b in cases.cantilever_problem().boundaries)
     assert loose[0] == Boundary("root", 1, "free")
     with pytest.raises(ConvergenceError):
-        solve(System.build(cantilever_problem(boundaries=loose), channel_mesh(region=2)))
+        solve(System.build(cases.cantilever_problem(boundaries=loose), channel_mesh(region=2)))
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_start_with_an_inverted_triangle_is_an_error(kind):
-    system = System.build(flap_problem(mesh_motion=MeshMotion(1.0, 1.0, kind)), flap_mesh(4))
+    system = System.build(cases.flap_problem(mesh_motion=MeshMotion(1.0, 1.0, kind)), cases.flap_mesh(4))
     start = state_of(system.mesh)
     start.u[np.flatnonzero(system.rows.mesh_motion)[0]] += 1.0
     with pytest.raises(ConvergenceError, match="the start turns a triangle inside out"):
@@ -544,14 +526,14 @@ def test_start_with_an_inverted_triangle_is_an_error(kind):
 
 
 def test_starts_that_help_and_steps_that_invert():
-    system = System.build(flap_problem(mesh_motion=MeshMotion(1.0, 1.0, "hyperelastic")), flap_mesh(4))
+    system = System.build(cases.flap_problem(mesh_motion=MeshMotion(1.0, 1.0, "hyperelastic")), cases.flap_mesh(4))
     squeeze = state_of(system.mesh, u=lambda x: -2.5 * x * np.array([1.0, 0.0]))
     _, residual, step = damped_step(system, state_of(system.mesh), squeeze)
     assert step == 0.25 and residual.min_jacobian == pytest.approx(1.0 - 2.5 / 4, rel=1e-13)
     assert np.isfinite(max(residual.relative.values()))
-    system = System.build(flap_problem(), flap_mesh(4))
+    system = System.build(cases.flap_problem(), cases.flap_mesh(4))
     first = solve(system)
-    neighbour = System.build(flap_problem(gravity=(0.01, -0.051)), system.mesh)
+    neighbour = System.build(cases.flap_problem(gravity=(0.01, -0.051)), system.mesh)
     again = solve(neighbour, start=first.state)
     assert len(again.steps) == 2 < len(first.steps) and np.abs(again.state.u - first.state.u).max() > 1e-6
     spoiled = RawState(first.state.u + 1e-3, first.state.v + 1e-3, first.state.p)

@@ -4,20 +4,8 @@ import math
 
 import numpy as np
 import pytest
-from test_reference_cases import (
-    assert_jacobian_is_the_derivative,
-    cantilever_problem,
-    channel_mesh,
-    channel_problem,
-    check_step,
-    flap_mesh,
-    flap_problem,
-    flow_in,
-    profile,
-    roof_mesh,
-    roof_problem,
-    state_of,
-)
+import test_reference_cases as cases
+from test_reference_cases import channel_mesh, channel_problem, flap_mesh, flap_problem, flow_in, profile, state_of
 from test_reference_step import THETA, WRONG_FLUID, K, beating, march, mean_of_first_piola, rest, wrong_pressure
 
 from ffsi.files.arrays import RawState
@@ -105,7 +93,7 @@ def test_terms_of_the_fluid_are_the_formulas_of_the_document():
 def test_terms_of_a_solid_are_the_formulas_of_the_document(formulation):
     lame_lambda, mu, density = 60.0 if formulation != "incompressible" else math.inf, 30.0, 1.5
     solid = Solid(density, NeoHookean(lame_lambda, mu), formulation)
-    system, state = random_step(cantilever_problem(solids={2: solid}), channel_mesh(region=2))
+    system, state = random_step(cases.cantilever_problem(solids={2: solid}), channel_mesh(region=2))
     elements, step, n2 = system.solids[2].elements, system.increment.step, system.mesh.n_p2
     new, old = Points(elements, state), Points(elements, system.increment.old)
 
@@ -189,7 +177,7 @@ def test_stress_of_a_step_that_turns_a_body_turns_with_it(material, theta):
 
 
 def test_inertia_is_the_one_more_term():
-    system, state = random_step(roof_problem(), roof_mesh(4))
+    system, state = random_step(cases.roof_problem(), cases.roof_mesh(4))
     found = compute_residual(system, state).equations["momentum"].terms["inertia"]
     old, expected = system.increment.old, np.zeros_like(found)
     for part in (system.fluid, *system.solids.values()):
@@ -199,7 +187,7 @@ def test_inertia_is_the_one_more_term():
             factor = factor * (0.7 * new_at.j + 0.3 * old_at.j)[..., None]
         expected += assemble(part.elements, len(found), factor * (new_at.v - old_at.v) / K)
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13 * np.abs(found).max())
-    system, state = random_step(roof_problem(), roof_mesh(4))
+    system, state = random_step(cases.roof_problem(), cases.roof_mesh(4))
     found = compute_residual(system, state).equations
     steady = compute_residual(System.build(system.problem, system.mesh), state).equations
     for name in ("continuity", "mesh_motion", "incompressibility"):
@@ -207,21 +195,21 @@ def test_inertia_is_the_one_more_term():
 
 
 STEP_PROBLEMS = {
-    "roof": (roof_problem(), roof_mesh(4)),
+    "roof": (cases.roof_problem(), cases.roof_mesh(4)),
     "channel": (channel_problem(), channel_mesh(4, 2)),
-    "cantilever": (cantilever_problem(), channel_mesh(4, 2, region=2)),
+    "cantilever": (cases.cantilever_problem(), channel_mesh(4, 2, region=2)),
 }
 
 
 @pytest.mark.parametrize("name", STEP_PROBLEMS)
 def test_jacobian_of_a_step_is_the_derivative_of_its_residual(name):
     system, state = random_step(*STEP_PROBLEMS[name])
-    assert_jacobian_is_the_derivative(system, state, random_state(system, 8))
+    cases.assert_jacobian_is_the_derivative(system, state, random_state(system, 8))
 
 
 def test_solid_alone_has_velocities_and_inflow_its_time():
     mesh = channel_mesh(region=2)
-    steady = System.build(cantilever_problem(), mesh)
+    steady = System.build(cases.cantilever_problem(), mesh)
     rows = steady.stepping(rest(steady), Step(K, THETA, K)).rows
     free = mesh.p2_coordinates[:, 0] > 0.0
     assert steady.rows.v_given.all() and not steady.rows.kinematics.any()
@@ -245,7 +233,7 @@ def test_numbers_that_are_no_step_are_refused(numbers):
 
 
 @pytest.mark.parametrize(
-    "make", [lambda **c: (flap_problem(**c), flap_mesh(4)), lambda **c: (roof_problem(**c), roof_mesh(4))]
+    "make", [lambda **c: (flap_problem(**c), flap_mesh(4)), lambda **c: (cases.roof_problem(**c), cases.roof_mesh(4))]
 )
 def test_rest_stays_at_rest(make):
     problem, mesh = make(gravity=(0.0, 0.0), inflow=flow_in(lambda time: 0.0))
@@ -255,7 +243,7 @@ def test_rest_stays_at_rest(make):
     assert solution.steps == []
     for field in ("u", "v", "p", "ps"):
         assert (getattr(solution.state, field) == 0.0).all()
-    report = check_step(problem, mesh, start, start, Step(K, THETA, K), {"drag": 0.0, "lift": 0.0})
+    report = cases.check_step(problem, mesh, start, start, Step(K, THETA, K), {"drag": 0.0, "lift": 0.0})
     assert report.failures == []
 
 
@@ -289,7 +277,7 @@ def test_uniform_flow_stays_uniform_on_a_moving_mesh(motion, theta):
     assert np.abs(states[-1].u - states[0].u).max() > 0.02
     np.testing.assert_allclose(states[-1].v, np.broadcast_to(wind, states[-1].v.shape), rtol=0, atol=1e-13)
     np.testing.assert_allclose(states[-1].p, 0.0, atol=1e-12)
-    report = check_step(problem, mesh, *states[-2:], Step(K, theta, 3 * K), {"drag": 0.0, "lift": 0.0})
+    report = cases.check_step(problem, mesh, *states[-2:], Step(K, theta, 3 * K), {"drag": 0.0, "lift": 0.0})
     assert report.momentum < 1e-8
 
 
@@ -355,8 +343,8 @@ def released(load, theta, solid=None, count=20):
     """Energies of a cantilever, bent by its weight and released, while it swings to the other side."""
     solids = {2: solid or Solid(1.5, StVenantKirchhoff(60.0, 30.0))}
     mesh = channel_mesh(8, 4, region=2)
-    start = solve(System.build(cantilever_problem(solids=solids, gravity=(0.0, load)), mesh)).state
-    free = System.build(cantilever_problem(solids=solids, gravity=(0.0, 0.0)), mesh)
+    start = solve(System.build(cases.cantilever_problem(solids=solids, gravity=(0.0, load)), mesh)).state
+    free = System.build(cases.cantilever_problem(solids=solids, gravity=(0.0, 0.0)), mesh)
     states = march(free, start, count, theta=theta, tolerance=1e-9)
     tip = np.argmax(mesh.p2_coordinates.sum(axis=1))
     heights = [state.u[tip, 1] for state in states]

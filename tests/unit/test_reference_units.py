@@ -8,19 +8,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from test_reference_cases import (
-    bump_mesh,
-    bump_problem,
-    cantilever_problem,
-    channel_mesh,
-    channel_problem,
-    check_state,
-    check_step,
-    flap_mesh,
-    flap_problem,
-    roof_mesh,
-    state_of,
-)
+import test_reference_cases as cases
 from test_reference_conditions import vessel_problem
 from test_reference_step import K, quantities_of
 
@@ -130,12 +118,14 @@ def noisy(system, state, size, seed=3):
 
 BODY = {"names": {2: "flap"}, "points": {"tip": (1.0, 0.31), "probe": (0.8, 0.2)}}
 STEADY = {
-    "fluid": lambda: (bump_problem(gravity=(0.1, -0.2), outlet=Outlet("resistance", 0.3, 2.0)), bump_mesh()),
-    "carreau": lambda: (bump_problem(fluid=Fluid(1.1, Carreau(0.4, 0.05, 1.5, -0.3))), bump_mesh()),
-    "fsi": lambda: (flap_problem(**BODY), flap_mesh(6)),
-    "hyperelastic": lambda: (flap_problem(mesh_motion=MeshMotion(1.0, 0.8, "hyperelastic", 0.5)), flap_mesh(6)),
-    "solid": lambda: (cantilever_problem(), channel_mesh(nx=12, region=2)),
-    "mixed": lambda: (vessel_problem(), roof_mesh(4)),
+    "fluid": lambda: (cases.bump_problem(gravity=(0.1, -0.2), outlet=Outlet("resistance", 0.3, 2.0)),
+        cases.bump_mesh()),
+    "carreau": lambda: (cases.bump_problem(fluid=Fluid(1.1, Carreau(0.4, 0.05, 1.5, -0.3))), cases.bump_mesh()),
+    "fsi": lambda: (cases.flap_problem(**BODY), cases.flap_mesh(6)),
+    "hyperelastic": lambda: (cases.flap_problem(mesh_motion=MeshMotion(1.0, 0.8, "hyperelastic", 0.5)),
+        cases.flap_mesh(6)),
+    "solid": lambda: (cases.cantilever_problem(), cases.channel_mesh(nx=12, region=2)),
+    "mixed": lambda: (vessel_problem(), cases.roof_mesh(4)),
 }  # fmt: skip
 
 
@@ -147,22 +137,22 @@ def numbers_of(report):
 def test_steady_numbers_are_free_of_units(case):
     problem, mesh, state = steady(*STEADY[case]())
     quantities = {name: value * (1 + 1e-6) for name, value in quantities_of(System.build(problem, mesh), state).items()}
-    expected = numbers_of(check_state(problem, mesh, state, quantities))
+    expected = numbers_of(cases.check_state(problem, mesh, state, quantities))
     assert all(value > 1e-9 for value in expected.values())
     for units in map(Units, *zip(*UNITS, strict=True)):
         other, moved, there = units.problem(problem), units.mesh(mesh), units.state(state)
         system = System.build(other, moved)
         told = {name: value * (1 + 1e-6) for name, value in quantities_of(system, there).items()}
-        assert numbers_of(check_state(other, moved, there, told)) == pytest.approx(expected, rel=1e-10, abs=0)
+        assert numbers_of(cases.check_state(other, moved, there, told)) == pytest.approx(expected, rel=1e-10, abs=0)
 
 
 @pytest.mark.parametrize("still", [False, True], ids=["moving", "still"])
 def test_numbers_of_a_step_are_free_of_units(still):
-    problem, mesh = vessel_problem(names={2: "block", 3: "roof"}), roof_mesh(4)
+    problem, mesh = vessel_problem(names={2: "block", 3: "roof"}), cases.roof_mesh(4)
     if still:  # nothing comes in
         problem = dataclasses.replace(problem, inflow=Inflow(lambda s, time: 0.0 * s))
     rng = np.random.default_rng(7)
-    old = state_of(mesh, u=lambda x: 1e-3 * rng.normal(size=x.shape), v=lambda x: rng.normal(size=x.shape))
+    old = cases.state_of(mesh, u=lambda x: 1e-3 * rng.normal(size=x.shape), v=lambda x: rng.normal(size=x.shape))
     old = dataclasses.replace(old, ps=rng.normal(size=(2, len(mesh.vertices))))
     new, step, reservoir = (
         noisy(None, dataclasses.replace(old, p=rng.normal(size=old.p.shape)), 1e-2), Step(K, 0.6, 3 * K), 0.7,
@@ -172,7 +162,7 @@ def test_numbers_of_a_step_are_free_of_units(still):
         there = units.problem(problem), units.mesh(mesh), units.state(old), units.state(new), units.step(step)
         system = System.build(*there[:2]).stepping(there[2], there[4], reservoir * units.pressure)
         quantities = {name: 1.001 * value for name, value in quantities_of(system, there[3]).items()}
-        report = check_step(*there, quantities, reservoir=reservoir * units.pressure)
+        report = cases.check_step(*there, quantities, reservoir=reservoir * units.pressure)
         energy = energies(system, there[3], {"elastic": 0.0, "dissipated": 0.0})
         shear = wall_shear(system, there[3])
         passage = Passage(step.start * units.time, step.time * units.time, shear, shear)
@@ -197,20 +187,21 @@ def test_noise_of_a_rest_is_no_error_and_a_motion_is(units):
     units, still = Units(*units), Inflow(lambda s, time: 0.0 * s)
     stiff = {2: Solid(2.0, StVenantKirchhoff(60e9, 30e9))}
     rest, mesh = (
-        flap_problem(inflow=still, gravity=(0.0, 0.0), outlet=Outlet("pressure", 1e5), solids=stiff), flap_mesh(6),
-    )  # fmt: skip
+        cases.flap_problem(inflow=still, gravity=(0.0, 0.0), outlet=Outlet("pressure", 1e5), solids=stiff),
+        cases.flap_mesh(6),
+    )
     for size, passes in ((1e-13, True), (1e-4, False)):
         rng = np.random.default_rng(5)
         noise = size * rng.normal(size=(mesh.n_p2, 2)) * ~System.build(rest, mesh).rows.v_given[:, None]
         level = RawState(0.0 * noise, noise, np.full(len(mesh.vertices), 1e5))
-        report = check_state(units.problem(rest), units.mesh(mesh), units.state(level), {})
+        report = cases.check_state(units.problem(rest), units.mesh(mesh), units.state(level), {})
         assert (max(report.continuity, report.kinematics) <= 1e-8) == passes
 
 
 def test_neither_pressure_nor_density_hides_what_is_wrong():
     for level in (0.0, 1e4, 1e8):
-        problem, mesh = channel_problem(outlet=Outlet("pressure", level)), channel_mesh()
-        state = solve(System.build(channel_problem(outlet=Outlet("pressure", 0.0)), mesh), tolerance=1e-9).state
+        problem, mesh = cases.channel_problem(outlet=Outlet("pressure", level)), cases.channel_mesh()
+        state = solve(System.build(cases.channel_problem(outlet=Outlet("pressure", 0.0)), mesh), tolerance=1e-9).state
         high = dataclasses.replace(state, p=state.p + level)
         found = compute_residual(System.build(problem, mesh), high).relative
         assert found["momentum"] < 1e-8
@@ -220,7 +211,7 @@ def test_neither_pressure_nor_density_hides_what_is_wrong():
         changed = compute_residual(System.build(problem, mesh), wrong).relative
         assert changed["momentum"] > 1e-6 or level == 1e8
         assert changed["continuity"] > 1e-6
-    problem, mesh = flap_problem(), flap_mesh(6)
+    problem, mesh = cases.flap_problem(), cases.flap_mesh(6)
     heavy = dataclasses.replace(problem, solids={2: Solid(2e9, StVenantKirchhoff(60e9, 30e9))})
     system = System.build(heavy, mesh)
     state = solve(system, tolerance=1e-9).state

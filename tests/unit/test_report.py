@@ -16,7 +16,7 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.quiver import Quiver
 from PIL import Image
-from run_folders import exact, given_state, make_run, structured_mesh
+from run_folders import exact, make_run
 from test_hemodynamics import channel, poiseuille, state
 
 from ffsi.files.arrays import write_arrays, write_mesh, write_state
@@ -38,12 +38,6 @@ KEY = "inflow.mean_velocity"
 def quick(monkeypatch) -> None:
     """Draw, but make no files of pictures: that takes most of the time."""
     monkeypatch.setattr(Picture, "of", classmethod(lambda cls, figure, caption, maximum: cls(b"png", caption)))
-
-
-@pytest.fixture
-def fields() -> Fields:
-    mesh = structured_mesh()
-    return Fields.from_raw(mesh, given_state(mesh))
 
 
 def pixels(figure) -> np.ndarray:
@@ -347,10 +341,8 @@ def test_report_of_a_sweep(tmp_path, quick, freefem, check):
     sweep.sweep(scene, {KEY: [0.01, 0.02, 0.03]}, tmp_path / "sweep")
     write_report([tmp_path / "sweep"], tmp_path / "report.html")
     html = (tmp_path / "report.html").read_text()
-    assert (
-        f"ffsi sweep flap-svk --set mesh.level=0 --set output.pictures=false --vary {KEY}=0.01,0.02,0.03 --out sweep"
-        in html
-    )
+    settings = "--set mesh.level=0 --set output.pictures=false"
+    assert f"ffsi sweep flap-svk {settings} --vary {KEY}=0.01,0.02,0.03 --out sweep" in html
     assert "flap-svk, sweep over mean inflow velocity" in html
     assert "2 of 3 points solved and checked; 1 not converged" in html and "J too small" in html
     assert "inflow.mean_velocity = 0.02" in html

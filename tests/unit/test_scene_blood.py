@@ -20,9 +20,7 @@ def pulsatile(*settings: str) -> Scene:
 
 
 @pytest.mark.parametrize(("settings", "mean"), [
-    (["inflow.peak_velocity=0.3"], 0.2),
-    (["inflow.flow_rate=0.082"], 0.2),
-    (["inflow.flow_rate=8.2 cm^2/s"], 0.002),
+    (["inflow.peak_velocity=0.3"], 0.2), (["inflow.flow_rate=0.082"], 0.2), (["inflow.flow_rate=8.2 cm^2/s"], 0.002),
     (["inflow.peak_velocity=0.3", "inflow.profile=uniform"], 0.3),
     (["inflow.peak_velocity=0.3", "inflow.profile=3 * y / H"], 0.1),
     (["inflow.flow_rate=0.082", "inflow.profile=3 * y / H"], 0.2 / 1.5),
@@ -139,10 +137,8 @@ def test_files_of_waveforms_with_a_period_and_their_scenes(tmp_path):
     ("t,value\n0,1\n1,nan\n2,1\n3,1\n", "row 2 holds no two finite numbers"),
     ("t,value\n0,1\n1,2\n2,inf\n3,1\n", "row 3 holds no two finite numbers"),
     ("t,value\n0,1\n1,2\n2,exit(1)\n3,1\n", "row 3 holds no two finite numbers"),
-    ("t,value\n0,1\n1,2,3\n2,1\n3,1\n", "no table"),
-    ("", "no table"),
-    ("t,value\n0,1\n1,2\n2,3\n3,4\n", "does not repeat the first one 1"),
-    (None, "cannot be read: No such file"),
+    ("t,value\n0,1\n1,2,3\n2,1\n3,1\n", "no table"), ("", "no table"),
+    ("t,value\n0,1\n1,2\n2,3\n3,4\n", "does not repeat the first one 1"), (None, "cannot be read: No such file"),
 ])  # fmt: skip
 def test_a_wrong_file_is_refused(tmp_path, text, words):
     if text is not None:

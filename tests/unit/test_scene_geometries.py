@@ -225,8 +225,7 @@ def test_struts_are_rigid_circles_on_the_neck_line(elastic: bool) -> None:
     (["geometry.wall_thickness=1 mm"], "geometry.wall_thickness"),
     (["geometry.dome_wall_thickness=0.4 mm"], "geometry.dome_wall_thickness"),
     (["geometry.stent.count=10", "geometry.stent.diameter=0.2 mm"], "geometry.stent.diameter"),
-    (["geometry.stent.count=21"], "geometry.stent.count"),
-    (["solid.flap.density=1"], "solid.flap"),
+    (["geometry.stent.count=21"], "geometry.stent.count"), (["solid.flap.density=1"], "solid.flap"),
 ])  # fmt: skip
 def test_what_does_not_fit_is_named(settings: list[str], words: str) -> None:
     with pytest.raises(SceneError, match=words):
@@ -266,11 +265,8 @@ def channel(mesh: dict[str, Any] | None = None, **geometry: object) -> Scene:
 
 def test_a_channel_has_walls_with_forces_and_lengths_by_its_height() -> None:
     found = {b.name: (b.label, b.role, b.part, b.exact_length) for b in boundaries(channel())}
-    assert found == {
-        "inlet": (1, "inlet", None, 0.5),
-        "outlet": (2, "outlet", None, 0.5),
-        "walls": (3, "no-slip", "walls", 6.0),
-    }
+    sides = {"inlet": (1, "inlet", None, 0.5), "outlet": (2, "outlet", None, 0.5)}
+    assert found == sides | {"walls": (3, "no-slip", "walls", 6.0)}
     assert channel().exact_areas() == {"fluid": 1.5} and channel().physics == "fluid"
     assert (channel().tip, channel().probes) == (None, {})
     scene = channel(height="2 mm")

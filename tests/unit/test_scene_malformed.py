@@ -186,6 +186,12 @@ OVERRIDES = [
     ("flap-svk", "mesh.level", ['override = "mesh.level":', "key=value"]),
     ("flap-svk", "=5", ['override = "=5":', "key=value"]),
     ("flap-svk", "a..b=5", ['override = "a..b=5":', "key=value"]),
+    # cases that are none
+    ("flapsvk", "", ['case = "flapsvk":', "no such case", 'mean "flap-svk"']),
+    ("turek-fsi", "", ["case =", '"cylinder-2d1"', 'mean "turek-fsi3"']),
+    ("flap-svk.toml", "", ["scene =", "no such file", 'mean "flap-svk"']),
+    ("a\0b", "", ['case = "a?b":', "no such case"]),
+    ("x" * 5000, "", ["scene =", "cannot be read"]),
 ]  # fmt: skip
 
 FLAP = "name = 'a'\n[geometry]\nkind = 'flap-channel'\n"
@@ -237,11 +243,11 @@ def check(error: SceneError, fragments: list[str]) -> None:
 
 
 @pytest.mark.parametrize(
-    ("case", "override", "fragments"), OVERRIDES, ids=[f"{row[0]} {row[1][:40]}" for row in OVERRIDES]
+    ("case", "override", "fragments"), OVERRIDES, ids=[f"{row[0][:9]} {row[1][:40]}" for row in OVERRIDES]
 )
 def test_override(case: str, override: str, fragments: list[str]) -> None:
     with pytest.raises(SceneError) as caught:
-        load_scene(case, [override])
+        load_scene(case, [override] if override else [])
     check(caught.value, fragments)
 
 
@@ -249,19 +255,6 @@ def test_override(case: str, override: str, fragments: list[str]) -> None:
 def test_text(text: str, fragments: list[str]) -> None:
     with pytest.raises(SceneError) as caught:
         Scene.from_toml(text)
-    check(caught.value, fragments)
-
-
-@pytest.mark.parametrize(("case", "fragments"), [
-    ("flapsvk", ['case = "flapsvk":', "no such case", 'mean "flap-svk"']),
-    ("turek-fsi", ["case =", '"cylinder-2d1"', 'mean "turek-fsi3"']),
-    ("flap-svk.toml", ["scene =", "no such file", 'mean "flap-svk"']),
-    ("a\0b", ['case = "a?b":', "no such case"]),
-    ("x" * 5000, ["scene =", "cannot be read"]),
-])  # fmt: skip
-def test_unknown_case(case: str, fragments: list[str]) -> None:
-    with pytest.raises(SceneError) as caught:
-        load_scene(case)
     check(caught.value, fragments)
 
 
@@ -275,12 +268,9 @@ def test_files_and_many_problems_are_told(tmp_path: Path) -> None:
     huge = tmp_path / "huge.toml"
     huge.write_text("#" * 1_000_001)
     for path, fragments in [
-        (tmp_path / "my-scen.toml", ["scene =", "no such file", "my-scene.toml"]),
-        (tmp_path, ["scene =", "folder"]),
-        (binary, ["scene =", "UTF-8"]),
-        (broken, ["broken.toml:", "line 3"]),
-        (huge, ["scene =", "1000000 bytes"]),
-    ]:
+        (tmp_path / "my-scen.toml", ["scene =", "no such file", "my-scene.toml"]), (tmp_path, ["scene =", "folder"]),
+        (binary, ["scene =", "UTF-8"]), (broken, ["broken.toml:", "line 3"]), (huge, ["scene =", "1000000 bytes"]),
+    ]:  # fmt: skip
         with pytest.raises(SceneError) as caught:
             load_scene(path)
         check(caught.value, fragments)
@@ -293,15 +283,14 @@ def test_files_and_many_problems_are_told(tmp_path: Path) -> None:
     assert [problem.nearest for problem in caught.value.problems] == [None]
 
 
-@pytest.mark.parametrize(("override", "problems"), [
-    ("solid.membrane.formulation=incompresible", 1),
-    ('solid.membrane={material="mooney-rivlin", density=1, formulation="mixt", c10=1, c01=1}', 1),
-    ("fluid={density=1, viscosity=1}", 1),
+@pytest.mark.parametrize("override", [
+    "solid.membrane.formulation=incompresible", "fluid={density=1, viscosity=1}",
+    'solid.membrane={material="mooney-rivlin", density=1, formulation="mixt", c10=1, c01=1}',
 ])  # fmt: skip
-def test_one_mistake_is_one_problem(override: str, problems: int) -> None:
+def test_one_mistake_is_one_problem(override: str) -> None:
     with pytest.raises(SceneError) as caught:
         load_scene("cook", [override])
-    assert len(caught.value.problems) == problems
+    assert len(caught.value.problems) == 1
 
 
 def test_the_same_error_in_python_and_between_processes() -> None:

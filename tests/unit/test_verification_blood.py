@@ -15,33 +15,7 @@ from ffsi.scene.fluids import Carreau, Casson, Newtonian, PowerLaw
 from studies import harness
 from studies.harness import run_all
 from studies.tables import Column
-from studies.verification import blood
-from studies.verification.blood import (
-    ANEURYSM_CASES,
-    PLANE_CASES,
-    TABLES,
-    BloodCase,
-    BloodTable,
-    Row,
-    level_changes,
-    to_frame,
-)
-from studies.verification.exact_flows import (
-    DENSITY,
-    HEIGHT,
-    PERIOD,
-    RATE,
-    SWING,
-    VISCOSITY,
-    Lumen,
-    Measured,
-    bent_flow,
-    oscillating_flow,
-    plane_flow,
-    shear_rate,
-    stress,
-    worst,
-)
+from studies.verification import blood, exact_flows
 
 NEWTONIAN = Newtonian(density=1035.0, viscosity=3.5e-3)
 CARREAU = Carreau(density=1035.0)
@@ -59,7 +33,7 @@ README = "before\n<!-- blood:begin -->\nold\n<!-- blood:end -->\nafter\n"
 @pytest.mark.parametrize("fluid", FLUIDS, ids=NAMES)
 def test_shear_rate_is_the_inverse_of_the_stress(fluid):
     rates = np.array([-1000.0, -0.3, -1e-4, 0.0, 0.02, 5.0, 300.0])
-    np.testing.assert_allclose(shear_rate(fluid, stress(fluid, rates)), rates, rtol=1e-12)
+    np.testing.assert_allclose(exact_flows.shear_rate(fluid, exact_flows.stress(fluid, rates)), rates, rtol=1e-12)
 
 
 @pytest.mark.parametrize(("gradient", "mean", "largest"), [
@@ -67,15 +41,15 @@ def test_shear_rate_is_the_inverse_of_the_stress(fluid):
 ])  # fmt: skip
 def test_plane_flow_of_carreau_blood(gradient, mean, largest):
     """Values of an integration along y."""
-    assert plane_flow(CARREAU, gradient, 1e-3) == pytest.approx((mean, largest), rel=5e-8)
+    assert exact_flows.plane_flow(CARREAU, gradient, 1e-3) == pytest.approx((mean, largest), rel=5e-8)
 
 
 @pytest.mark.parametrize("fluid", FLUIDS, ids=NAMES)
 def test_plane_flow_by_integration_along_y(fluid):
     def rate(y):
-        return float(shear_rate(fluid, np.array([80.0 * y]))[0])
+        return float(exact_flows.shear_rate(fluid, np.array([80.0 * y]))[0])
 
-    mean, largest = plane_flow(fluid, 80.0, 1e-3)
+    mean, largest = exact_flows.plane_flow(fluid, 80.0, 1e-3)
     core = [0.005 / 80.0]  # Casson's plug ends there
     assert largest == pytest.approx(quad(rate, 0, 1e-3, points=core, epsabs=0, epsrel=1e-11, limit=500)[0], rel=1e-9)
     flux, _ = quad(lambda y: y * rate(y), 0, 1e-3, points=core, epsabs=0, epsrel=1e-11, limit=500)
@@ -87,7 +61,7 @@ def test_bent_newtonian_flow_is_the_closed_form():
     inner, outer, rate = 6e-3, 8e-3, 6.67e-5
     c, d = np.linalg.solve([[inner, 1 / inner], [outer, 1 / outer]], [-inner * np.log(inner), -outer * np.log(outer)])
     k = rate / quad(lambda r: r * np.log(r) + c * r + d / r, inner, outer)[0]
-    flow = bent_flow(NEWTONIAN, inner, outer, rate)
+    flow = exact_flows.bent_flow(NEWTONIAN, inner, outer, rate)
     assert flow.gradient == pytest.approx(-2 * 3.5e-3 * k, rel=1e-9)
     exact = [abs(3.5e-3 * k * (1 - 2 * d / r**2)) for r in (inner, outer)]  # mu (dv/dr - v/r)
     assert [flow.inner, flow.outer] == pytest.approx(exact, rel=1e-9)
@@ -97,8 +71,8 @@ def test_bent_newtonian_flow_is_the_closed_form():
 
 @pytest.mark.parametrize("fluid", FLUIDS, ids=NAMES)
 def test_a_hardly_bent_channel_is_a_plane_one(fluid):
-    mean, largest = plane_flow(fluid, 100.0, 1e-3)
-    flow = bent_flow(fluid, 1e3 - 1e-3, 1e3 + 1e-3, 2e-3 * mean)
+    mean, largest = exact_flows.plane_flow(fluid, 100.0, 1e-3)
+    flow = exact_flows.bent_flow(fluid, 1e3 - 1e-3, 1e3 + 1e-3, 2e-3 * mean)
     assert flow.gradient / 1e3 == pytest.approx(100.0, rel=1e-6)
     assert [flow.inner, flow.outer] == pytest.approx([0.1, 0.1], rel=2e-6)
     assert flow.velocity.max() == pytest.approx(largest, rel=1e-5)
@@ -106,11 +80,11 @@ def test_a_hardly_bent_channel_is_a_plane_one(fluid):
 
 def test_bent_and_oscillating_flows_keep_the_momentum():
     """r^2 tau of the velocities is P r^2/2 + C, a line in r^2, and the flow rate is the given one."""
-    flow = bent_flow(CARREAU, 6e-3, 8e-3, 6.67e-5)
+    flow = exact_flows.bent_flow(CARREAU, 6e-3, 8e-3, 6.67e-5)
     r, v = flow.radius, flow.velocity
     assert np.trapezoid(v, r) == pytest.approx(6.67e-5, rel=1e-5)
     middle = (r[1:] + r[:-1]) / 2
-    moment = middle**2 * stress(CARREAU, middle * np.diff(v / r) / np.diff(r))
+    moment = middle**2 * exact_flows.stress(CARREAU, middle * np.diff(v / r) / np.diff(r))
     slope, constant = np.polyfit(middle**2, moment, 1)
     assert -2 * slope == pytest.approx(flow.gradient, rel=1e-4)
     assert np.abs(slope * middle**2 + constant - moment).max() < 1e-3 * np.abs(moment).max()
@@ -118,21 +92,25 @@ def test_bent_and_oscillating_flows_keep_the_momentum():
     # To first order, in a plane channel: 54/35 rho U^2 h'/h less of -dp/dx, 6/35 rho U^2 h' less of tau.
     radius, h, mean, slope = 1e2, 2e-3, 0.03, 0.01  # slope: dh/dx
     walls = radius - h / 2, radius + h / 2
-    flow = bent_flow(NEWTONIAN, *walls, mean * h, slope / h * radius)
-    without, inertia = bent_flow(NEWTONIAN, *walls, mean * h), 1035.0 * mean**2 * slope
+    flow = exact_flows.bent_flow(NEWTONIAN, *walls, mean * h, slope / h * radius)
+    without, inertia = exact_flows.bent_flow(NEWTONIAN, *walls, mean * h), 1035.0 * mean**2 * slope
     assert (without.gradient - flow.gradient) / radius == pytest.approx(54 / 35 * inertia / h, rel=1e-5)
     assert without.inner - flow.inner == pytest.approx(6 / 35 * inertia, rel=1e-4)
     assert without.outer - flow.outer == pytest.approx(6 / 35 * inertia, rel=1e-4)
     with pytest.raises(ValueError, match="between the radii"):
-        bent_flow(NEWTONIAN, 8e-3, 6e-3, 1e-5)
+        exact_flows.bent_flow(NEWTONIAN, 8e-3, 6e-3, 1e-5)
     with pytest.raises(ValueError, match="no flow of -1"):
-        bent_flow(NEWTONIAN, 6e-3, 8e-3, -1.0)
-    y, t, step = np.linspace(0, HEIGHT, 401), 0.37, 1e-5
-    (before, _), (velocity, gradient), (after, _) = (oscillating_flow(y, t + shift) for shift in (-step, 0, step))
+        exact_flows.bent_flow(NEWTONIAN, 6e-3, 8e-3, -1.0)
+    y, t, step = np.linspace(0, exact_flows.HEIGHT, 401), 0.37, 1e-5
+    (before, _), (velocity, gradient), (after, _) = (
+        exact_flows.oscillating_flow(y, t + shift) for shift in (-step, 0, step)
+    )
     assert np.abs(velocity[[0, -1]]).max() < 1e-14
-    assert np.trapezoid(velocity, y) == pytest.approx(RATE * (1 + SWING * math.sin(2 * math.pi * t / PERIOD)), rel=1e-4)
+    assert np.trapezoid(velocity, y) == pytest.approx(
+        exact_flows.RATE * (1 + exact_flows.SWING * math.sin(2 * math.pi * t / exact_flows.PERIOD)), rel=1e-4
+    )
     bent = np.gradient(np.gradient(velocity, y), y)[2:-2]
-    missed = DENSITY * (after - before)[2:-2] / (2 * step) - gradient - VISCOSITY * bent
+    missed = exact_flows.DENSITY * (after - before)[2:-2] / (2 * step) - gradient - exact_flows.VISCOSITY * bent
     assert np.abs(missed).max() < 1e-3 * abs(gradient)
 
 
@@ -155,7 +133,7 @@ def test_lumen_of_walls_that_have_moved():
         state=SimpleNamespace(u=moved),
         fields=SimpleNamespace(sample=sample),
     )
-    lumen = Lumen(state, NEWTONIAN, 6e-5)  # type: ignore[arg-type]
+    lumen = exact_flows.Lumen(state, NEWTONIAN, 6e-5)  # type: ignore[arg-type]
     assert lumen.radii(2.0) == pytest.approx((6e-3, 8.4e-3), rel=1e-9)
     assert lumen.widening(2.0) == pytest.approx(2e-4 / 2.4e-3, rel=1e-3)
     assert lumen.pressure(2.0) == pytest.approx(2.0, rel=1e-12)
@@ -163,36 +141,40 @@ def test_lumen_of_walls_that_have_moved():
 
 
 def test_tables_worst_values_and_changes_by_level():
-    assert worst(np.array([1.1, 9.5]), np.array([1.0, 10.0])) == Measured(1.1, 1.0)
-    assert math.isnan(worst(np.array([]), 1.0).error)
-    table = BloodTable("steady", "text", ("walls",), (Column("drop", "drop", "{:g}"),), finest=True)
+    assert exact_flows.worst(np.array([1.1, 9.5]), np.array([1.0, 10.0])) == exact_flows.Measured(1.1, 1.0)
+    assert math.isnan(exact_flows.worst(np.array([]), 1.0).error)
+    table = blood.BloodTable("steady", "text", ("walls",), (Column("drop", "drop", "{:g}"),), finest=True)
     rows = [
-        Row("steady", "a-1", ("a",), 1, {"drop": Measured(1.0)}),
-        Row("steady", "a-2", ("a",), 2, {"drop": Measured(2.0)}),
-        Row("steady", "b-2", ("b",), 2, {"other": Measured(3.0)}), Row("steady", "c-2", ("c",), 2, failure="crash"),
-        Row("plane", "d", ("d",), 2, {"drop": Measured(4.0)}),
+        blood.Row("steady", "a-1", ("a",), 1, {"drop": exact_flows.Measured(1.0)}),
+        blood.Row("steady", "a-2", ("a",), 2, {"drop": exact_flows.Measured(2.0)}),
+        blood.Row("steady", "b-2", ("b",), 2, {"other": exact_flows.Measured(3.0)}),
+        blood.Row("steady", "c-2", ("c",), 2, failure="crash"),
+        blood.Row("plane", "d", ("d",), 2, {"drop": exact_flows.Measured(4.0)}),
     ]  # fmt: skip
     assert table.of(rows).body == [["a", "1"], ["a", "2"], ["c", "–"]]
     assert table.of(rows, short=True).body == [["a", "2"], ["c", "–"]]
-    numbers = {"gradient": Measured(101.0, 100.0), "mean": Measured(0.1)}
-    frame = to_frame([Row("plane", "p", ("p", "100"), 0, numbers), Row("plane", "q", ("q", "1"), 0, {}, "crash")])
+    numbers = {"gradient": exact_flows.Measured(101.0, 100.0), "mean": exact_flows.Measured(0.1)}
+    frame = blood.to_frame(
+        [blood.Row("plane", "p", ("p", "100"), 0, numbers), blood.Row("plane", "q", ("q", "1"), 0, {}, "crash")]
+    )
     first, second, third = frame.to_dict("records")
     assert (first["quantity"], first["error"], first["bound"]) == ("gradient", pytest.approx(0.01), 1e-4)
     assert math.isnan(second["reference"]) and math.isnan(second["bound"])
     assert (third["case"], third["failure"]) == ("q", "crash")
 
     def row(level, wss, failure=""):
-        return Row("steady", f"x-level-{level}", ("x", str(level)), level, {"wss_mean_dome": Measured(wss)}, failure)
+        measured = {"wss_mean_dome": exact_flows.Measured(wss)}
+        return blood.Row("steady", f"x-level-{level}", ("x", str(level)), level, measured, failure)
 
-    (changes,) = level_changes([row(1, 0.8), row(2, 1.0), row(3, 1.02)])
+    (changes,) = blood.level_changes([row(1, 0.8), row(2, 1.0), row(3, 1.02)])
     assert (changes.group, changes.case, changes.labels, changes.level) == ("levels", "x", ("x",), 3)
     assert {name: number.value for name, number in changes.numbers.items()} == {
         "wss_mean_dome_2": pytest.approx(0.2), "wss_mean_dome_3": pytest.approx(0.02 / 1.02),
     }  # fmt: skip
-    levels = next(table for table in TABLES if table.group == "levels")
+    levels = next(table for table in blood.TABLES if table.group == "levels")
     (cells,) = levels.of([changes]).body
     assert [cell for cell in cells if "!" in cell] == ["+1.961 % !"]
-    (gap,) = level_changes([row(1, 0.8), row(2, 1.0, "crash"), row(3, 1.02)])
+    (gap,) = blood.level_changes([row(1, 0.8), row(2, 1.0, "crash"), row(3, 1.02)])
     assert gap.numbers == {}
 
 
@@ -201,19 +183,19 @@ LAWS = ("Newtonian", "Carreau")
 
 def test_what_runs():
     assert len({case.folder for case in blood.CASES}) == len(blood.CASES) == 6 + 2 + 15 + 5
-    assert {table.group for table in TABLES} == {case.group for case in blood.CASES} | {"levels"}
-    carreau = [case for case in PLANE_CASES if case.labels[0] == "Carreau"]
+    assert {table.group for table in blood.TABLES} == {case.group for case in blood.CASES} | {"levels"}
+    carreau = [case for case in blood.PLANE_CASES if case.labels[0] == "Carreau"]
     assert [case.scene().inflow.mean_velocity for case in carreau] == pytest.approx(
         [6.3527417e-5, 0.0032008878, 0.07601542], rel=1e-7
     )
-    steady = [case for case in ANEURYSM_CASES if case.group == "steady"]
+    steady = [case for case in blood.ANEURYSM_CASES if case.group == "steady"]
     assert {(case.labels[0], case.level) for case in steady} == {
         (f"{walls}, {law}", level)
         for walls, laws in {"elastic": LAWS, "rigid": LAWS, "elastic, held": LAWS[:1]}.items()
         for law in laws
         for level in (1, 2, 3)
     }
-    pulsatile = [case for case in ANEURYSM_CASES if case.group == "pulsatile"]
+    pulsatile = [case for case in blood.ANEURYSM_CASES if case.group == "pulsatile"]
     assert sorted(case.level for case in pulsatile) == [1, 2, 2, 2, 2]
     assert all(case.scene().time.end == CASES["aneurysm-pulsatile"].time.end for case in pulsatile)
 
@@ -237,12 +219,12 @@ def test_steady_runs_are_done_once_and_one_that_died_starts_again(tmp_path, stea
     assert "one: finished before" in capsys.readouterr().err
 
 
-def stand(name: str = "stand", end: float = 2.0) -> BloodCase:
+def stand(name: str = "stand", end: float = 2.0) -> blood.BloodCase:
     """A case in time of which is measured how far it came."""
-    return BloodCase(
+    return blood.BloodCase(
         *("pulsatile", name, ("elastic, Newtonian", "2"), 2),
         lambda: scene_in_time(f"time.end={end}"),
-        lambda result: {"tawss_mean_dome": Measured(result.data["time"]["reached"])},
+        lambda result: {"tawss_mean_dome": exact_flows.Measured(result.data["time"]["reached"])},
     )
 
 
