@@ -87,21 +87,21 @@ def swing(omega: float, sigma: float, which: int) -> Pick:
     return pick
 
 
-def worst(test: str, column: str, scale: float) -> Pick:
+def worst(runs: str, column: str, scale: float) -> Pick:
     """Return what picks the largest difference from the published history, by a scale."""
 
     def pick(history: pd.DataFrame) -> float:
-        known = published(test)
+        known = published(runs)
         ours = np.interp(known["t"], [0, *history["time"]], [0, *history[column]])
         return float(np.abs(ours - known["value"]).max() / scale)
 
     return pick
 
 
-def published(test: str) -> pd.DataFrame:
-    """Return the published histories of a test: `curve`, `t`, `value`, SI."""
+def published(runs: str) -> pd.DataFrame:
+    """Return the published histories beside the runs of a series: `curve`, `t`, `value`, SI."""
     rows = pd.read_csv(PUBLISHED)
-    return rows[rows["test"] == test]
+    return rows[rows["runs"] == runs]
 
 
 def thin(pick: Pick) -> Of:
@@ -146,7 +146,7 @@ def pick_of(row: Any) -> Pick:
     if row.rule in ("omega", "sigma"):
         return swing(*MODES[int(row.runs.split("-")[1])], int(row.rule == "sigma"))
     if row.rule in ("history", "outline"):
-        return worst(row.test, row.column, PEAK) if row.rule == "history" else above_outline
+        return worst(row.runs, row.column, PEAK) if row.rule == "history" else above_outline
     return extreme(row.rule, row.column, row.start, row.end)
 
 
@@ -168,6 +168,8 @@ def expected(test: str) -> list[Any]:
 
 def inside(value: Any, ours: float, bar: float) -> str:
     """Return whether a number lies in the band of a value."""
+    if math.isnan(value.low):
+        return "no band"
     if value.low <= ours <= value.high:
         return "yes"
     return "with its bar" if value.low - bar <= ours <= value.high + bar else "no"
@@ -205,10 +207,10 @@ def main(jobs: int = 1, runs: Path = RUNS, out: Path | None = None) -> list[str]
 def draw(runs: Mapping[str, Run]) -> Figure:
     """Draw histories of ours beside published ones."""
     figure = Figure(figsize=(9.6, 6.4), layout="constrained", facecolor="white")
-    shown = [(key, test["title"], *test["drawn"]) for key, test in TESTS.items() if "drawn" in test]
-    for axes, (key, title, name, column, label) in zip(figure.subplots(2, 2).flat, shown, strict=True):
+    shown = [(test["title"], *test["drawn"]) for test in TESTS.values() if "drawn" in test]
+    for axes, (title, name, column, label) in zip(figure.subplots(2, 2).flat, shown, strict=True):
         history = runs[name].history
-        for curve, known in published(key).groupby("curve", sort=False):
+        for curve, known in published(name.rsplit("-", 2)[0]).groupby("curve", sort=False):
             axes.plot(known["t"], known["value"], "o", markersize=3, markerfacecolor="none", label=curve)
         axes.plot(history["time"], history[column], color=INK, linewidth=0.9, label="ours")
         axes.legend(frameon=False, fontsize=8)

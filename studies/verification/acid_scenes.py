@@ -207,6 +207,29 @@ def flap(n: int) -> Grid:
     return Grid(x, y, lambda x, y: "steel" if abs(x) < half and y < 1 else "water", curve)
 
 
+def wall(n: int) -> Grid:
+    """Wall's channel, cm from the middle of the square, n elements across the plate behind it."""
+    half = 0.03
+    near, far = half + (0.5 - half) * np.linspace(0, 1, 3 * n + 1) ** 1.4, np.linspace(0, 1, 6 * n + 1) ** 1.8
+    away = np.round(np.concatenate([near[:-1], 0.5 + 5.5 * far]), 12)
+    up, down = np.linspace(1, 0, 5 * n + 1) ** 1.6, np.linspace(0, 1, 8 * n + 1) ** 1.5
+    plate = np.linspace(0.5, 4.5, 14 * n + 1)
+    x = np.concatenate([-0.5 - 5 * up, dense(-0.5, 0.5, 4 * n, 0.5)[1:-1], plate[:-1], 4.5 + 9.5 * down])
+    y = np.concatenate([-away[::-1], np.linspace(-half, half, n + 1)[1:-1], away])
+
+    def region(x: float, y: float) -> str:
+        if abs(x) < 0.5 and abs(y) < 0.5:
+            return ""
+        return "plate" if 0.5 < x < 4.5 and abs(y) < half else "air"
+
+    def curve(x: float, y: float) -> str:
+        if abs(y) == 6:
+            return "sides"
+        return {-5.5: "in", 14.0: "out"}.get(x) or ("root" if x == 0.5 and abs(y) < half else "square")
+
+    return Grid(x, y, region, curve)
+
+
 GRIDS: Mapping[str, Callable[..., Grid]] = {
-    make.__name__: make for make in (cylinder, ring, collapsible, leaflet, blob, mok, flap)
+    make.__name__: make for make in (cylinder, ring, collapsible, leaflet, blob, mok, flap, wall)
 }

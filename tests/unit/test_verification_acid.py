@@ -29,6 +29,7 @@ def test_balance_and_extrapolation_of_the_inflated_cylinder():
 def test_a_value_is_judged_by_its_band(ours, bar, word):
     value = acid.expected("cylinder")[0]._replace(low=1.0, high=2.0)
     assert acid.inside(value, ours, bar) == word
+    assert acid.inside(value._replace(low=math.nan, high=math.nan), ours, bar) == "no band"
     failed = acid._row(value, {"a": Run("", {"failure": "crash"})})
     assert failed["inside"] == "no" and math.isnan(failed["ours"])
 
@@ -114,7 +115,8 @@ def test_values_have_their_exact_numbers_in_narrow_bands():
         assert value.low == pytest.approx(exact - part * abs(exact), rel=1e-9)
         assert value.high == pytest.approx(exact + part * abs(exact), rel=1e-9)
     rows = pd.read_csv(acid.VALUES)
-    assert all((rows["low"] < rows["high"]) & rows["expected"].notna()) and set(rows["test"]) == set(found)
+    unknown = rows["low"].isna() & rows["high"].isna()
+    assert all(((rows["low"] < rows["high"]) | unknown) & rows["expected"].notna()) and set(rows["test"]) == set(found)
 
 
 @pytest.mark.parametrize("test", acid.TESTS)
@@ -142,10 +144,11 @@ def test_modes_of_the_ring_are_roots_of_its_determinant(rho):
 
 
 def test_histories_are_compared_with_published_ones():
-    known = acid.published("collapsible").iloc[1:]
+    known = acid.published("collapsible-1").iloc[1:]
     run = history(known["t"], tip_uy=known["value"] + np.where(np.isclose(known["t"], 1), 0.002, -0.001))
-    assert acid.worst("collapsible", "tip_uy", 0.2)(run.history) == pytest.approx(0.01)
-    for name, published in (("collapsible", -0.21571), ("leaflet", 0.374828), ("mok", 0.2695), ("flap", 0.1986)):
+    assert acid.worst("collapsible-1", "tip_uy", 0.2)(run.history) == pytest.approx(0.01)
+    peaks = {"collapsible-1": -0.21571, "collapsible-massless": -0.215634, "leaflet-0.0125": 0.374828}
+    for name, published in {**peaks, "mok": 0.2695, "flap": 0.1986}.items():
         values = acid.published(name)["value"]
         assert values.iloc[values.abs().argmax()] == pytest.approx(published, rel=2e-2), name
 
@@ -162,7 +165,7 @@ def test_a_leaflet_of_no_thickness_lies_on_a_line():
 
 AREAS = {
     **{"cylinder": math.pi * 3 / 4, "ring": math.pi / 4 * (1.5**2 - 0.95**2), "collapsible": 25.5, "leaflet": 8},
-    **{"blob": 9.75, "mok": 1.002, "flap": 24},
+    **{"blob": 9.75, "mok": 1.002, "flap": 24, "wall": 0.0233},
 }
 
 
