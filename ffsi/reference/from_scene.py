@@ -1,12 +1,13 @@
 """Translation of a scene into the checker's problem."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from ffsi.files.arrays import Floats
 from ffsi.reference import materials, viscosity
@@ -15,6 +16,9 @@ from ffsi.reference.problem import FLUID_REGION, Boundary, Fluid, MeshMotion, Pr
 from ffsi.reference.step import Step
 from ffsi.scene import Scene, boundaries
 from ffsi.scene.walls import Motion
+
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicSpline
 
 # Scripts may write their parameters with fewer digits than they compute with.
 _SAME = 1e-9
@@ -234,6 +238,8 @@ def _displacement(scene: Scene, name: str | None) -> Callable[[Floats, float], F
 
 def _spline(samples: Motion) -> CubicSpline:
     """Return how far a wall is, (2,) m, at a time in s: at rest at the first sample, without curvature at the last."""
+    from scipy.interpolate import CubicSpline  # half a second that runs without such a wall save
+
     return CubicSpline(samples.at, np.column_stack([samples.x, samples.y]), bc_type=((1, [0.0] * 2), (2, [0.0] * 2)))
 
 
