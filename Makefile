@@ -101,7 +101,7 @@ keys: setup
 	@$(BIN)/ffsi keys --markdown >> docs/scene.md
 
 docs: setup
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[docs]'
+	@$(INSTALL); install --editable '.[docs]'
 	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict  # --quiet would not count the warnings
 
 # Installs packages only when some are missing. Elsewhere than on Debian, `ffsi doctor` says what FreeFEM lacks.
@@ -146,9 +146,21 @@ echo "Creating $(VENV) with $$("$$python" --version)"; \
 "$$python" -m venv --clear $(VENV)
 endef
 
+# uv takes a third of pip's time; pip does it where uv is not to be had or does not reach pip's index.
+define INSTALL
+pip=($(BIN)/python -m pip --disable-pip-version-check); \
+install() { \
+  local index; index=$$("$${pip[@]}" config list | sed -n "s/.*[.]index-url='\(.*\)'$$/\1/p" | tail -n 1); \
+  if [[ -n "$$index" ]]; then export UV_DEFAULT_INDEX="$$index"; fi; \
+  "$${pip[@]}" install --quiet uv >/dev/null 2>&1 \
+    && $(BIN)/uv pip install --quiet --compile-bytecode --python $(BIN)/python "$$@" 2>/dev/null \
+    || "$${pip[@]}" install --quiet "$$@"; \
+}
+endef
+
 $(STAMP): pyproject.toml | system
 	@$(APT_INSTALL); if ! $(BIN)/python -m pip --version >/dev/null 2>&1; then $(NEW_VENV); fi
 	@echo "Installing the Python packages into $(VENV)"
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
+	@$(INSTALL); install --editable '.[dev]'
 	@$(BIN)/python -m compileall -q ffsi  # where Python may not write bytecode a run would compile all of it, 0.2 s
 	@touch $(STAMP)
