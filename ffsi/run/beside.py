@@ -9,8 +9,11 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ffsi.files import folder
 from ffsi.files.errors import InputError
+from ffsi.files.history import read_history
 from ffsi.freefem import stop_all
 from ffsi.hemodynamics.result import Result
 from ffsi.result.quantities import flatten
@@ -22,6 +25,9 @@ COARSER, TWICE = "coarser-mesh", "twice-the-step"
 
 _SAFETY = 3.0
 _METHOD = "Richardson's difference to the next coarser mesh and to twice the step, times 3"
+_LAST = 4
+"""Ends of the longer steps, the last ones, of which that with the largest difference counts for the last value: at any
+single one the difference may just pass through zero."""
 
 
 def scenes_beside(scene: Scene) -> dict[str, Scene]:
@@ -64,12 +70,13 @@ def running(
             raise
 
 
-def complete(data: dict[str, Any], scene: Scene, beside: Mapping[str, Future[Result]]) -> None:
+def complete(data: dict[str, Any], scene: Scene, directory: Path, beside: Mapping[str, Future[Result]]) -> None:
     """Put error bars of mean, amplitude, frequency, extrema and last values into the content of `result.json`.
 
     Roache's grid convergence index for two grids (ASME V&V 20): with f the value, g that of the run beside, r the ratio
     of their sizes h = 1/sqrt(triangles) or steps and p = 2 (of a backward Euler step 1), (f - g)/(r^p - 1) estimates
-    the error; the bar is three times the sum of both sizes. Where a run beside was not solved there is a warning.
+    the error; the bar is three times the sum of both sizes, of a last value of the largest within `_LAST` steps of the
+    run with twice the step. Where a run beside was not solved there is a warning.
     """
     assert scene.time is not None
     others, expected = {}, scenes_beside(scene)
@@ -90,14 +97,26 @@ def complete(data: dict[str, Any], scene: Scene, beside: Mapping[str, Future[Res
     ratio = data["triangles"] / others[COARSER].data["triangles"]
     over = {COARSER: ratio - 1.0, TWICE: 1.0 if scene.time.scheme == "backward-euler" else 3.0}
     known = {name: _values(other.data) for name, other in others.items()}
+    tables = {name: other.history for name, other in others.items()}
+    own = read_history(directory)
+    instants = own["time"].iloc[-1] - 2 * scene.time.step * np.arange(_LAST)
+
+    def largest(name: str, column: str) -> float:
+        values, theirs = (np.interp(instants, table["time"], table[column]) for table in (own, tables[name]))
+        return float(np.abs(values - theirs).max() / over[name])
+
     data["errors"] = {}
     for quantity, value in _values(data).items():
         if quantity.startswith("min_jacobian") or not all(quantity in values for values in known.values()):
             continue
-        mesh, step = ((value - known[name][quantity]) / over[name] for name in (COARSER, TWICE))
+        parts = {name: (value - known[name][quantity]) / over[name] for name in others}
+        sizes = {name: abs(part) for name, part in parts.items()}
+        if quantity.endswith("_last"):
+            column = quantity.removesuffix("_last")
+            sizes = {name: max(size, largest(name, column)) for name, size in sizes.items()}
         data["errors"][quantity] = {
-            "estimate": mesh + step, "bar": _SAFETY * (abs(mesh) + abs(step)), "mesh": mesh, "step": step,
-            "method": _METHOD,
+            "estimate": sum(parts.values()), "bar": _SAFETY * sum(sizes.values()),
+            "mesh": parts[COARSER], "step": parts[TWICE], "method": _METHOD,
         }  # fmt: skip
 
 

@@ -126,7 +126,7 @@ def solve(
                 data = point.judged(died, check)
             data["warnings"] += notes
             if runs:
-                beside.complete(data, scene, runs)
+                beside.complete(data, scene, directory, runs)
         point.draw(data)
         if animate is not None:
             point.animate(data, animate)

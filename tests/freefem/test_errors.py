@@ -4,6 +4,7 @@ import json
 from concurrent.futures import Future
 from types import SimpleNamespace
 
+import pandas as pd
 import pytest
 from conftest import scene_of
 
@@ -73,7 +74,7 @@ def test_there_is_no_bar_where_the_refined_mesh_does_not_hold(estimated):
 
 
 def test_in_time_runs_beside_tell_what_mesh_and_step_add(tmp_path, solved):
-    settings = ("time.end=0.2", "time.output_interval=0.01")
+    settings = ("time.end=0.12", "time.output_interval=0.01")
     scene = scene_of("turek-csm3", "mesh.level=1", "time.step=0.01", *settings)
     result = ffsi.solve(scene, tmp_path, error=True)
     fine = solved("turek-csm3", "mesh.level=2", "time.step=0.0025", *settings)
@@ -82,7 +83,6 @@ def test_in_time_runs_beside_tell_what_mesh_and_step_add(tmp_path, solved):
         error = result.data["errors"][f"{name}_last"]
         wrong = fine.data["time"]["last"][name] - result.data["time"]["last"][name]
         assert abs(wrong) <= error["bar"] < 8 * abs(wrong), name
-    assert result.data["errors"]["tip_ux_last"]["step"] == pytest.approx(2.2e-5, rel=0.1)
     write_report([tmp_path], tmp_path / "report.md")
     assert " ± " in (tmp_path / "report.md").read_text()
 
@@ -108,21 +108,25 @@ def test_the_runs_beside_one_that_goes_on_go_on_to_the_same_end(tmp_path):
 
 
 @pytest.mark.parametrize(("scheme", "over"), [("shifted-crank-nicolson", 3.0), ("backward-euler", 1.0)])
-def test_bars_are_three_times_richardsons_differences_of_runs_with_the_same_values(scheme, over):
+def test_bars_are_three_times_richardsons_differences_of_runs_with_the_same_values(tmp_path, scheme, over):
     scene = scene_of("turek-csm3", "mesh.level=1", "time.step=0.02", "time.end=0.04", f"time.scheme={scheme}")
-    data = {"warnings": [], "failure": "", "triangles": 500, "quantities": {"tip_uy": 2.0}, "time": {"last": {}}}
+    data = {"warnings": [], "failure": "", "triangles": 500, "quantities": {"tip_uy": 2.0}}
+    data["time"] = {"last": {"lift": 0.0}, "largest": {"lift": 0.0}}
+    (tmp_path / "history.csv").write_text("step,time,lift\n1,0.02,0\n2,0.04,0\n3,0.06,0\n")
+    history = pd.DataFrame({"time": [0.02, 0.06], "lift": [0.9, 0.0]})  # equal at the end only by chance
     beside = {name: Future() for name in (COARSER, TWICE)}
     found = {COARSER: (100, 1.0), TWICE: (500, 2.3)}
     for name, other in scenes_beside(scene).items():
         values = {**data, "triangles": found[name][0], "quantities": {"tip_uy": found[name][1]}}
-        beside[name].set_result(SimpleNamespace(scene=other, reason="", data=values))
-    complete(data, scene, beside)
-    (error,) = data["errors"].values()
+        beside[name].set_result(SimpleNamespace(scene=other, reason="", data=values, history=history))
+    complete(data, scene, tmp_path, beside)
+    error = data["errors"]["tip_uy"]
+    assert data["errors"]["lift_last"]["bar"] == pytest.approx(3 * (0.9 / 4 + 0.9 / over))
     assert (error["mesh"], error["step"]) == pytest.approx((1 / 4, -0.3 / over))
     assert (error["estimate"], error["bar"]) == pytest.approx((1 / 4 - 0.3 / over, 3 * (1 / 4 + 0.3 / over)))
     for future in beside.values():
         future.result().scene = with_values(future.result().scene, {"solver.tolerance": 1e-9})
-    complete(data, scene, beside)
+    complete(data, scene, tmp_path, beside)
     assert len(data["warnings"]) == 2 and "started again with other values" in data["warnings"][0]
 
 
