@@ -78,9 +78,7 @@ class Expression:
         Raises:
             ExpressionError: anything else occurs in the text, or it is longer than 200 characters.
         """
-        tree = _parse(text)
-        _check(tree, tuple(variables))
-        return cls(text, tuple(variables), tree)
+        return _parsed(text, tuple(variables))
 
     @classmethod
     def polygon(cls, at: Sequence[float], value: Sequence[float], variables: Sequence[str]) -> Expression:
@@ -155,6 +153,13 @@ class Expression:
     def to_freefem(self, rename: Mapping[str, str] | None = None) -> str:
         """Return the formula as FreeFEM text, with other names for variables that are called otherwise there."""
         return _freefem(self._tree, rename or {})[0]
+
+
+@functools.lru_cache(1024)  # a scene is validated again with every change of a value
+def _parsed(text: str, variables: tuple[str, ...]) -> Expression:
+    tree = _parse(text)
+    _check(tree, variables)
+    return Expression(text, variables, tree)
 
 
 def _parse(text: str) -> ast.expr:

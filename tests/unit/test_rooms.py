@@ -1,6 +1,7 @@
 """The rooms of the package lie on floors: imports go down only, in no circle, and the checker stands alone."""
 
 import ast
+import functools
 from collections.abc import Iterator
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
@@ -22,9 +23,15 @@ def sources() -> dict[str, str]:
     return {".".join(path.relative_to(PACKAGE).with_suffix("").parts): path.read_text() for path in paths}
 
 
+@functools.cache
+def nodes(text: str) -> list[ast.AST]:
+    kinds = (ast.Import, ast.ImportFrom, ast.Constant)
+    return [node for node in ast.walk(ast.parse(text)) if isinstance(node, kinds)]
+
+
 def imported(name: str, text: str, known: dict[str, str]) -> Iterator[str]:
     """Modules of ours that a module imports, wherever in its text that stands, for types only or not."""
-    for node in ast.walk(ast.parse(text)):
+    for node in nodes(text):
         found: list[str] = []
         if isinstance(node, ast.Import):
             found = [alias.name for alias in node.names]
