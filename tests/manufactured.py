@@ -5,7 +5,7 @@ points x = X + u, which know nothing of a mesh: F, J and the mesh velocity enter
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -88,7 +88,8 @@ class Exact:
     """Exact fields: u of X; velocity and pressure of the fluid of the place x; velocity and pressure of the solid of X.
 
     ``viscosity`` is a function of the squared shear rate, ``far_viscosity`` the one of the outlet's condition. A solid
-    with a pressure of its own is neo-Hookean, whose pressure stands for all that resists a change of volume.
+    with a pressure of its own is neo-Hookean, whose pressure stands for all that resists a change of volume; any other
+    is of St. Venant and Kirchhoff or ``linear_elastic``, with ``lame_lambda`` and damping of stress and momentum.
     """
 
     u: Callable
@@ -99,6 +100,22 @@ class Exact:
     viscosity: Callable = lambda squared: VISCOSITY + 0.0 * squared
     far_viscosity: float = VISCOSITY
     hyperelastic_mesh: bool = False
+    gravity: tuple[float, float] = (0.0, 0.0)
+    linear_elastic: bool = False
+    lame_lambda: float = LAMBDA
+    solid_viscosity: float = 0.0
+    mass_damping: float = 0.0
+
+    def turned(self, turn):
+        """The same where the points (n, 2), as rows, are multiplied by a rotation."""
+
+        def field(of):
+            return of and (lambda x, t: of(x @ turn.T, t) @ turn)
+
+        return replace(
+            self, u=field(self.u), velocity=field(self.velocity), solid_velocity=field(self.solid_velocity),
+            p=self.p and (lambda x, t: self.p(x @ turn.T, t)), gravity=tuple(self.gravity @ turn),
+        )  # fmt: skip
 
     def place(self, x, t):
         return x + self.u(x, t)
@@ -119,7 +136,9 @@ class Exact:
         place, jacobian = self.place(x, t), det(self.deformation(x, t))
         g = gradient(lambda z: self.velocity(z, t), place)
         acceleration = rate(lambda s: self.velocity(place, s), t) + np.einsum("nij,nj->ni", g, self.velocity(place, t))
-        return jacobian[:, None] * (DENSITY * acceleration - divergence(lambda z: self.cauchy(z, t), place))
+        return jacobian[:, None] * (
+            DENSITY * (acceleration - self.gravity) - divergence(lambda z: self.cauchy(z, t), place)
+        )
 
     def fluid_stress(self, x, t):
         return self.cauchy(self.place(x, t), t) @ cofactor(self.deformation(x, t))
@@ -135,27 +154,31 @@ class Exact:
         g = gradient(lambda z: self.velocity(z, t), self.place(x, t))
         return det(self.deformation(x, t)) * np.trace(g, axis1=1, axis2=2)
 
+    def mesh_stress(self, x, t, weight):
+        """That of a mesh motion with this weight of div u or ln J, of stiffness 1."""
+        g = gradient(lambda y: self.u(y, t), x)
+        if self.hyperelastic_mesh:
+            f = np.eye(2) + g
+            return f + ((weight * np.log(det(f)) - 1) / det(f))[:, None, None] * cofactor(f)
+        return g + weight * spherical(np.trace(g, axis1=1, axis2=2))
+
     def mesh_force(self, x, t, weight):
-        """What the mesh motion with this weight of div u or ln J, of stiffness 1, leaves over."""
-
-        def stress(z):
-            g = gradient(lambda y: self.u(y, t), z)
-            if self.hyperelastic_mesh:
-                f = np.eye(2) + g
-                return f + ((weight * np.log(det(f)) - 1) / det(f))[:, None, None] * cofactor(f)
-            return g + weight * spherical(np.trace(g, axis1=1, axis2=2))
-
-        return -divergence(stress, x)
+        return -divergence(lambda z: self.mesh_stress(z, t, weight), x)
 
     def solid_stress(self, x, t):
         f = self.deformation(x, t)
         if self.solid_pressure is not None:
             return MU * f - spherical(self.solid_pressure(x, t) + MU / det(f)) @ cofactor(f)
-        strain = 0.5 * (f.swapaxes(1, 2) @ f - np.eye(2))
-        return f @ (LAMBDA * spherical(np.trace(strain, axis1=1, axis2=2)) + 2 * MU * strain)
+        rates = f.swapaxes(1, 2) @ gradient(lambda z: self.solid_velocity(z, t), x)
+        damped = self.solid_viscosity * 0.5 * (rates + rates.swapaxes(1, 2))
+        squared = f + f.swapaxes(1, 2) - np.eye(2) if self.linear_elastic else f.swapaxes(1, 2) @ f
+        strain = 0.5 * (squared - np.eye(2))
+        stress = self.lame_lambda * spherical(np.trace(strain, axis1=1, axis2=2)) + 2 * MU * strain
+        return stress + f @ damped if self.linear_elastic else f @ (stress + damped)
 
     def solid_force(self, x, t):
-        inertia = SOLID_DENSITY * rate(lambda s: self.solid_velocity(x, s), t)
+        damped = self.mass_damping * self.solid_velocity(x, t) - self.gravity
+        inertia = SOLID_DENSITY * (rate(lambda s: self.solid_velocity(x, s), t) + damped)
         return inertia - divergence(lambda z: self.solid_stress(z, t), x)
 
 

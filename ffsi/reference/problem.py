@@ -108,13 +108,14 @@ class Manufactured:
     the time, 0 in steady systems, to the values wherever u and v are prescribed; a fluid alone has its u prescribed
     everywhere, which is a mesh that moves as told. ``force`` (n2, 2) newtons per metre depth and ``mass`` (nv, 1)
     square metres per second map the system to the work of the sources of momentum and continuity, with the sign of the
-    residual.
+    residual, and ``motion`` (n2, 2) to that of the mesh motion. Walls that move keep the values that they state.
     """
 
     displacement: Field
     velocity: Field
     force: Callable[[Any], Floats]
     mass: Callable[[Any], Floats] | None = None
+    motion: Callable[[Any], Floats] | None = None
 
 
 @dataclass(frozen=True)

@@ -225,6 +225,8 @@ def _mesh_motion(system: System, fluid: FluidPart, motion: MeshMotion, state: Ra
     elements, n2 = fluid.elements, system.mesh.n_p2
     local = terms.mesh_motion(motion, fluid.alpha, elements, state.u[elements.nodes])
     assembled = _scattered(local, elements.nodes, n2)
+    if (exact := system.problem.manufactured) is not None and exact.motion is not None:
+        assembled["source"] = exact.motion(system)
     stiffness = (2.0 + motion.divergence_weight) * fluid.alpha
     magnitude = ROUNDING * spread(stiffness * largest_on(state.u, elements), elements, n2)
     assembled = {name: along(term, system.rows.u_normal) for name, term in assembled.items()}

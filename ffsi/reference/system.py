@@ -272,6 +272,7 @@ def _conditions(problem: Problem, mesh: RawMesh, time: float | None, corner: Mas
     n2, nv = mesh.n_p2, len(mesh.vertices)
     held_u, held_v = corner.copy(), corner.copy()
     u, v, shift = np.zeros((3, n2, 2))
+    told = np.ones_like(corner)
 
     def weight(boundary: Boundary) -> tuple[bool, bool, bool, int]:
         displaced = boundary.displacement is not None
@@ -293,6 +294,7 @@ def _conditions(problem: Problem, mesh: RawMesh, time: float | None, corner: Mas
                 _check_circle(boundary.name, boundary.circle, mesh.p2_coordinates[nodes[:, :2]])
             bent = nodes if problem.chords else nodes[:, 2:]
             u[bent] = _onto_circle(boundary.circle, mesh.p2_coordinates[bent])
+        told[nodes] = boundary.motion is None
         if boundary.motion is not None:
             nodes = nodes.ravel()
             points = (mesh.p2_coordinates + u)[nodes]
@@ -302,9 +304,10 @@ def _conditions(problem: Problem, mesh: RawMesh, time: float | None, corner: Mas
     u += shift
     if (exact := problem.manufactured) is not None:
         # A fluid alone has no equation for u: it has the value everywhere.
-        where = held_u if problem.solids else np.ones_like(held_u)
+        where = told & (held_u if problem.solids else True)
         u[where] = exact.displacement(mesh.p2_coordinates[where], time or 0.0)
-        v[held_v] = exact.velocity(mesh.p2_coordinates[held_v], time or 0.0)
+        where = told & held_v
+        v[where] = exact.velocity(mesh.p2_coordinates[where], time or 0.0)
     return held_u, held_v, RawState(u, v, np.zeros(nv), np.zeros((len(problem.mixed_regions), nv)))
 
 
