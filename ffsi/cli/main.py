@@ -6,7 +6,6 @@ import contextlib
 import functools
 import logging
 import sys
-import threading
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, get_args
@@ -147,9 +146,6 @@ def run(
         folders.check_animation(scene, animate)
     if not json:
         show.domain(scene)
-    if scene.output.pictures:  # while FreeFEM computes
-        with contextlib.suppress(RuntimeError):  # no room for a thread: it is loaded when it is needed
-            threading.Thread(target=_load_drawing, daemon=True).start()
     try:
         with machine.computing(directory), show.progress(scene.name) as on_event:
             result = solve(
@@ -421,15 +417,6 @@ def _print_sensitivities(tables: Sequence[pd.DataFrame], *, json: bool) -> None:
         sys.stdout.write(folder.to_json({part: table.to_dict("index") for part, table in parts}))
     else:
         show.sensitivities(*tables)
-
-
-def _load_drawing() -> None:
-    """Load what pictures need, without the docstrings that matplotlib makes when it is loaded: a third of that time."""
-    with contextlib.suppress(ImportError, MemoryError, OSError):  # said where they are drawn
-        from matplotlib import artist
-
-        artist.kwdoc = lambda artist: ""
-        import ffsi.result.pictures  # noqa: F401
 
 
 def _finish(results: Sequence[Result], directory: Path) -> None:

@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 
 from ffsi.files.errors import InputError
 from ffsi.report.tables import in_words, label, value_text, words
-from ffsi.result.pictures import FAINT, INK
+from ffsi.result.pictures import FAINT
+from ffsi.result.views import INK
 from ffsi.script.quantities import QUANTITIES
 from ffsi.text import listed, nearest
 

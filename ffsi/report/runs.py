@@ -18,7 +18,7 @@ from ffsi.report import animation, blood, formulas, history, scene, viewer
 from ffsi.report.blocks import Block, Picture, Pictures, Section, Text, Viewer, marked
 from ffsi.report.curves import sensitivity_bars
 from ffsi.report.tables import Rows, about_key, cell
-from ffsi.result import in_time, pictures
+from ffsi.result import in_time, pictures, views
 from ffsi.result.evaluation import Notes, attempt
 from ffsi.result.evaluation import words as note_words
 from ffsi.result.published import references_for
@@ -226,7 +226,7 @@ def _animation(result: Result) -> list[Block]:
 def _state(result: Result, notes: Notes, maximum: int) -> list[Block]:
     state, fields = str(result.state_file), result.fields
     drawings: dict[str, Callable[[], Figure]] = {
-        name: partial(result.picture, name) for name in pictures.available(fields)
+        name: partial(result.picture, name) for name in views.available(fields)
     }
     if fields.has_fluid:
         drawings["vorticity"] = partial(pictures.vorticity, fields, result.title)

@@ -98,7 +98,7 @@ class Study:
         Raises:
             InputError: there is no such row, or it was not solved.
         """
-        from ffsi.result import pictures, vtu
+        from ffsi.result import painting, views, vtu
 
         written: list[Path] = []
         if isinstance(rows, str) or not isinstance(rows, Iterable):
@@ -110,9 +110,9 @@ class Study:
             path = result.directory / folder.numbered("fields.vtu", result.point)
             vtu.write_vtu(path, result.fields, {})
             written.append(path)
-            for name in pictures.available(result.fields):
+            for name in views.available(result.fields):
                 path = result.directory / folder.numbered(f"{name}.png", result.point)
-                path.write_bytes(pictures.to_png(result.picture(name)))
+                path.write_bytes(painting.paint(name, result.fields, result.title))
                 written.append(path)
         return written
 

@@ -17,7 +17,7 @@ from ffsi.hemodynamics.result import Result, load_results
 from ffsi.report import blood, curves, refinement, runs, scene
 from ffsi.report.blocks import Block, Picture, Pictures, Section
 from ffsi.report.tables import Rows, about_key, cell, label, value_text, words
-from ffsi.result import pictures, study_definition
+from ffsi.result import pictures, study_definition, views
 from ffsi.result.evaluation import attempt
 from ffsi.result.quantities import in_table, unit
 from ffsi.result.refinement import LEVEL
@@ -109,7 +109,7 @@ def gallery(results: Sequence[Result], maximum: int, *, slider: bool = True) -> 
     """Return the first picture of up to `CHOSEN` points with fields; in one geometry all have the same colours."""
     there = [result for result in results if result.state_file is not None]
     chosen = [there[i] for i in np.unique(np.linspace(0, len(there) - 1, CHOSEN).round().astype(int))] if there else []
-    kinds = [pictures.available(result.fields) for result in chosen]
+    kinds = [views.available(result.fields) for result in chosen]
     name = next((name for name in (kinds[0] if kinds else []) if all(name in each for each in kinds)), None)
     if len(chosen) < 2 or name is None:
         return []

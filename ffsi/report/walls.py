@@ -13,7 +13,8 @@ from matplotlib.figure import Figure
 from ffsi.files.arrays import Floats
 from ffsi.report.curves import LINES
 from ffsi.result.fields import FLUID, Fields
-from ffsi.result.pictures import FAINT, INK, canvas, colour_bar, outline, split_triangles
+from ffsi.result.pictures import FAINT, canvas, colour_bar, split_triangles
+from ffsi.result.views import INK, outline
 
 _FLAT = 1e-4
 

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from functools import cached_property
+from typing import Any
+
 import numpy as np
-import shapely
 
 from ffsi.files.arrays import Floats, Ints
 
 _TOLERANCE = 1e-8  # in barycentric coordinates: how far outside of a triangle still counts as on its edge
 _AT_A_TIME = 100_000  # points
+_FEW = 20_000_000  # points times triangles below which all are compared: that costs less than to load shapely
 
 
 class Finder:
@@ -25,7 +28,24 @@ class Finder:
         self._corners = corners
         low, high = corners.min(axis=1), corners.max(axis=1)
         margin = 4 * _TOLERANCE * (high - low)
-        self._boxes = shapely.STRtree(shapely.box(*(low - margin).T, *(high + margin).T))
+        self._low, self._high = low - margin, high + margin
+
+    @cached_property
+    def _tree(self) -> Any:
+        import shapely
+
+        return shapely.STRtree(shapely.box(*self._low.T, *self._high.T))
+
+    def _boxes(self, at: Floats) -> tuple[Ints, Ints]:
+        """Return pairs of a point and a triangle whose box it lies in."""
+        if len(at) * len(self._corners) > _FEW:
+            import shapely
+
+            point, triangle = self._tree.query(shapely.points(at))
+            return point, triangle
+        (x, y), low, high = at.T[..., None], self._low.T, self._high.T
+        point, triangle = np.nonzero((x >= low[0]) & (x <= high[0]) & (y >= low[1]) & (y <= high[1]))
+        return point, triangle
 
     def find(self, at: Floats) -> tuple[Ints, Floats]:
         """Return the triangle of each point (m,), -1 outside of all, and barycentric coordinates in it, (m, 3).
@@ -39,7 +59,7 @@ class Finder:
         inside = np.flatnonzero(np.isfinite(at).all(axis=1))
         for first in range(0, len(inside), _AT_A_TIME):
             points = inside[first : first + _AT_A_TIME]
-            point, triangle = self._boxes.query(shapely.points(at[points]))
+            point, triangle = self._boxes(at[points])
             coordinates = self._barycentric(at[points[point]], triangle)
             depth = coordinates.min(axis=1)
             order = np.lexsort((triangle, -depth, point))

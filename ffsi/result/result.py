@@ -373,13 +373,13 @@ class PlainResult:
         return f"{heading}{remarks}<table>{rows}</table>{self._picture_html()}"
 
     def _picture_html(self) -> str:
-        from ffsi.result import pictures
+        from ffsi.result import painting, views
 
         if self.state_file is None:
             return ""
         try:
-            name = pictures.available(self.fields)[0]
-            encoded = base64.b64encode(pictures.to_png(self.picture(name))).decode("ascii")
+            name = views.available(self.fields)[0]
+            encoded = base64.b64encode(painting.paint(name, self.fields, self.title)).decode("ascii")
         except (ValueError, RuntimeError, OSError) as error:
             return f"<p>no picture: {html.escape(str(error))}</p>"
         return f'<img style="max-width:100%" alt="{name}" src="data:image/png;base64,{encoded}">'

@@ -14,7 +14,7 @@ from matplotlib.transforms import Bbox
 
 from ffsi.files.arrays import Floats, RawMesh
 from ffsi.result.fields import FLUID
-from ffsi.result.pictures import INK, SOLID_COLOURS, WIDTH
+from ffsi.result.views import INK, SOLID_COLOURS, WIDTH
 from ffsi.scene import Scene, boundaries
 from ffsi.scene.geometry import ChannelGeometry
 

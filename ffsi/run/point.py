@@ -7,6 +7,7 @@ import threading
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -151,8 +152,7 @@ class Point:
         written = time.perf_counter()
         data["timings"]["output"] = seconds(data["timings"].get("output", 0.0) + written - begin)
         if self.scene.output.pictures:
-            with _drawing:
-                attempt(notes, "pictures", lambda: self._write_pictures(result, notes))
+            attempt(notes, "pictures", lambda: self._write_pictures(result, notes))
         data["timings"]["pictures"] = seconds(time.perf_counter() - written)
 
     def _write_vtu(self, result: Result, notes: Notes) -> None:
@@ -171,10 +171,10 @@ class Point:
             folder.write_text(self.file(folder.WALL), wall.to_csv(index=False))
 
     def _write_pictures(self, result: Result, notes: Notes) -> None:
-        from ffsi.result import pictures
+        from ffsi.result import painting, views
 
-        for name in pictures.available(result.fields):
-            png = attempt(notes, f"picture of the {name}", lambda name=name: pictures.to_png(result.picture(name)))  # type: ignore[misc]
+        for name in views.available(result.fields):
+            png = attempt(notes, f"picture of the {name}", partial(painting.paint, name, result.fields, result.title))
             if png is not None:
                 self.file(f"{name}.png").write_bytes(png)
 

@@ -15,7 +15,8 @@ from matplotlib.figure import Figure
 from ffsi.cli import show
 from ffsi.report.curves import FAILURE, LINES, dress
 from ffsi.report.tables import label
-from ffsi.result.pictures import INK, to_small_png
+from ffsi.result.pictures import to_small_png
+from ffsi.result.views import INK
 from ffsi.run.chain import run_chain
 from ffsi.scene import load_scene
 from studies.harness import Study, multiples

@@ -22,8 +22,9 @@ from ffsi.files import folder
 from ffsi.files.errors import InputError
 from ffsi.freefem import find_freefem
 from ffsi.report.curves import LINES, MARKERS, dress
-from ffsi.result.pictures import INK, to_png
+from ffsi.result.pictures import to_png
 from ffsi.result.quantities import WORDS
+from ffsi.result.views import INK
 from studies.harness import Content, Place, Study, repeated
 from studies.tables import Column, TextTable, columns, logarithmic, table, unsigned
 from studies.verification.sources import ReferenceSet, compared

@@ -19,8 +19,9 @@ from ffsi.hemodynamics.result import Result, load_result
 from ffsi.report import walls
 from ffsi.result import pictures
 from ffsi.result.fields import FLUID, Fields
-from ffsi.result.pictures import INK, Scale, canvas
+from ffsi.result.pictures import canvas
 from ffsi.result.quantities import check_maximum
+from ffsi.result.views import INK, Scale
 from studies.harness import Study, origin, run_all
 from studies.paper.flap import LEVEL, OUT, RUNS
 from studies.tables import TextTable, columns, document, number, table

@@ -15,7 +15,8 @@ from matplotlib.figure import Figure
 from scipy.optimize import brentq, curve_fit
 
 from ffsi.report.curves import dress
-from ffsi.result.pictures import INK, to_small_png
+from ffsi.result.pictures import to_small_png
+from ffsi.result.views import INK
 from studies.harness import Content, Run, Study, run_one, side_by_side
 from studies.tables import TextTable, columns, table
 from studies.verification.acid_scenes import INNER, OUTER, scenes_of

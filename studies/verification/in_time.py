@@ -18,8 +18,9 @@ from ffsi.report.history import time_history
 from ffsi.result.in_time import last_period
 from ffsi.result.oscillation import BLOCK as PERIODS
 from ffsi.result.oscillation import blocks, reference_column
-from ffsi.result.pictures import FAINT, INK, to_small_png
+from ffsi.result.pictures import FAINT, to_small_png
 from ffsi.result.published import references
+from ffsi.result.views import INK
 from ffsi.scene import CASES, Scene, load_scene
 from studies.harness import PLAIN, Content, Place, Run, Study, run_all
 from studies.tables import Column, TextTable, bounded, columns, logarithmic, table

@@ -18,7 +18,7 @@ from ffsi.files.arrays import read_mesh, read_state
 from ffsi.hemodynamics.aneurysm import AneurysmState
 from ffsi.hemodynamics.result import Result
 from ffsi.reference import check_run
-from ffsi.result import pictures
+from ffsi.result import painting, views
 from ffsi.result.fields import Fields
 from ffsi.result.quantities import unit
 from ffsi.run.one_scene import solve
@@ -274,7 +274,7 @@ def test_an_aneurysm_in_other_units(solved, units):
     at = mesh.vertices[mesh.triangles].mean(axis=1)
     for name, factor in {"ux": length, "vy": speed, "p": stress, "region": 1.0}.items():
         assert_close(fields.sample(length * at)[name], result.fields.sample(at)[name] * factor)
-    assert all(len(pictures.to_png(pictures.draw(name, fields), 50)) > 1000 for name in pictures.available(fields))
+    assert all(len(painting.paint(name, fields)) > 1000 for name in views.available(fields))
 
 
 MIXTURES = {

@@ -230,7 +230,8 @@ def test_what_a_script_has_written_to_its_end_is_read_only_if_it_is_whole(in_tim
 @pytest.fixture(autouse=True)
 def no_pictures(monkeypatch):
     """Pictures take longer than all the rest, and nothing here looks at them."""
-    monkeypatch.setattr("ffsi.result.pictures.to_png", lambda *arguments, **options: b"")
+    for drawing in ("painting.paint", "pictures.to_png"):
+        monkeypatch.setattr(f"ffsi.result.{drawing}", lambda *arguments, **options: b"")
     for drawing in ("result.pictures.draw", "report.curves.sweep_curves"):
         monkeypatch.setattr(f"ffsi.{drawing}", lambda *arguments, **options: None)
 

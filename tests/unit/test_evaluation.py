@@ -12,8 +12,9 @@ from test_cli import call
 from time_folders import FakeTimeFreeFEM, scene_in_time
 
 from ffsi.files.errors import InputError
-from ffsi.hemodynamics.result import Result, load_result
+from ffsi.hemodynamics.result import load_result
 from ffsi.hemodynamics.state import WallState
+from ffsi.result import painting
 from ffsi.result.evaluation import Notes, attempt, gather
 from ffsi.result.in_time import _quantities, energy_balance
 from ffsi.run import one_scene
@@ -47,8 +48,8 @@ def test_a_failing_evaluation_is_noted_once_and_the_others_stay() -> None:
 
 
 def test_a_run_keeps_what_can_be_evaluated(tmp_path, freefem: FakeFreeFEM, check: FakeCheck, monkeypatch) -> None:
-    draw, broken = Result.picture, fails("no ink")
-    monkeypatch.setattr(Result, "picture", lambda self, name: broken() if name == "velocity" else draw(self, name))
+    paint, broken = painting.paint, fails("no ink")
+    monkeypatch.setattr(painting, "paint", lambda name, *of: broken() if name == "velocity" else paint(name, *of))
     monkeypatch.setattr("ffsi.result.vtu.write_vtu", fails())
     result = one_scene.solve(load_scene("flap-svk", ["mesh.level=0"]), tmp_path / "run")
     assert (result.status, result.failure, len(check.calls)) == ("converged", "", 1)
@@ -72,7 +73,7 @@ def test_the_walls_keep_what_can_be_evaluated(tmp_path, freefem: FakeFreeFEM, ch
 
 
 def test_it_is_said_and_ends_with_1(tmp_path, capsys, freefem: FakeFreeFEM, check: FakeCheck, monkeypatch) -> None:
-    monkeypatch.setattr(Result, "picture", fails("no ink"))
+    monkeypatch.setattr(painting, "paint", fails("no ink"))
     code, out, err = call(capsys, "run", "flap-svk", *LEVEL, "--out", str(tmp_path / "run"))
     assert code == 1
     assert "not evaluated: picture of the velocity: no ink" in err and "drag" in out

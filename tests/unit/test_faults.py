@@ -65,14 +65,6 @@ def test_a_machine_that_cannot_load_the_libraries_gets_a_message(kilobytes, word
     assert done.stderr.splitlines()[-1].startswith(("error: ffsi cannot be loaded: ", "error: the memory ended"))
 
 
-def test_without_room_for_a_thread_pictures_are_loaded_when_they_are_drawn(capsys, monkeypatch, freefem, check):
-    def start(thread):
-        raise RuntimeError("can't start new thread")
-
-    monkeypatch.setattr("ffsi.cli.main.threading.Thread.start", start)
-    assert call(capsys, "run", "flap-svk", "--set", "mesh.level=0")[0] == 0
-
-
 @pytest.mark.parametrize(("number", "words"), [
     (errno.ENOSPC, "the disk is full"), (errno.EFBIG, "ulimit -f"), (errno.EDQUOT, "quota"),
     (errno.EMFILE, "ulimit -n"), (errno.EACCES, "Permission denied"),
