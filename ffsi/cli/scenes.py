@@ -336,11 +336,15 @@ def render(
     if output is None:
         sys.stdout.write(render_script(scene))
         return
+    if output.exists() and output.suffix != ".edp":
+        raise InputError(f"{output} is there, and no script (.edp); -o would replace it")
     mesh = output.with_suffix(".mesh")
     text = render_script(scene, mesh_file=mesh.name)
     if isinstance(scene.geometry, MeshGeometry):
         if not re.fullmatch(r"[\w. -]+", mesh.name):
             raise InputError(f"{mesh.name!r}: the mesh beside the script needs a name of letters, digits and . - _")
+        if mesh.exists() and (mesh.samefile(scene.geometry.file) or not output.exists()):
+            raise InputError(f"{mesh} is there, and no mesh of a script {output.name}; give -o another name")
         scene.geometry.write(mesh)
     if scene.time is not None:
         scene.time.store(output.parent)

@@ -78,6 +78,11 @@ def test_a_folder_of_a_script_is_checked_and_loaded(freefem, tmp_path):
     assert 0 < slow.quantities["drag"] < fast.quantities["drag"] and fast.scene.inflow.mean_velocity == 0.04
     assert ffsi.load_result(tmp_path / "in-time").data["time"]["steps"] == 4
     assert main_code("report", tmp_path / "one", "-o", tmp_path / "report.html") == 0
+    again = freefem("turek-fsi1", "-mesh_level", 0, "-fluid_viscosity", 1.1, "-out", tmp_path / "one", cwd=tmp_path)
+    assert (again.returncode, main_code("check", tmp_path / "one")) == (0, 0)
+    assert ffsi.load_result(tmp_path / "one").scene.fluid.viscosity == 1.1
+    (tmp_path / "one" / "failed.json").write_text('{"point": 1}')
+    assert main_code("check", tmp_path / "one") == 2  # two runs of the script in one folder, the later one failed
 
 
 def test_sensitivities_and_errors_of_a_script_are_checked_and_wrong_ones_caught(freefem, tmp_path, capsys):

@@ -3,6 +3,7 @@
 import json
 import math
 import re
+import shutil
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
@@ -154,6 +155,11 @@ def test_the_rendered_script_runs_alone(vessel, tmp_path, run_text, installation
     assert run("render", vessel / "scene.toml", "-o", tmp_path / "vessel.edp") == 0
     folder, done = run_text((tmp_path / "vessel.edp").read_text(), mesh=tmp_path / "vessel.mesh")
     assert done.status == "converged" and (folder / "point-0001.bin").is_file()
+    (folder / "case.edp").unlink(missing_ok=True)
+    for path in (vessel / "scene.toml", vessel / "vessel.msh"):  # as its author wrote it, and left so
+        shutil.copy(path, folder)
+    assert run("check", folder) == 0 and load_result(folder).checked
+    assert (folder / "scene.toml").read_bytes() == (vessel / "scene.toml").read_bytes()
 
 
 def test_a_missing_mesh_ends_the_script(vessel, tmp_path, run_text) -> None:

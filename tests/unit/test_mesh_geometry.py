@@ -84,6 +84,24 @@ def test_formats(form, name, data, names, scene, tmp_path) -> None:
     assert of_table(tmp_path, file=name, **names).geometry == scene.geometry
 
 
+def test_what_freefem_saves(tmp_path) -> None:
+    """Its .mesh says single precision and has a section that meshio does not know, its .msh is its own format."""
+    drawing = vessel()
+    vessel().write(tmp_path / "vessel.mesh", "medit", "medit:ref")
+    text = (tmp_path / "vessel.mesh").read_text().replace("MeshVersionFormatted 2", "MeshVersionFormatted 1")
+    (tmp_path / "saved.mesh").write_text(text.replace("End", "SubDomainFromGeom\n2\n2 2 1 0\n2 9 1 1\n\nEnd"))
+    rows = [drawing.points, drawing.triangles + 1, drawing.lines + 1]
+    lines = [f"{len(rows[0])} {len(rows[1])} {len(rows[2])}"]
+    for values, tags in zip(rows, ([0] * len(rows[0]), drawing.region, drawing.curve), strict=True):
+        lines += [f"{' '.join(map(repr, line.tolist()))} {tag}" for line, tag in zip(values, tags, strict=True)]
+    (tmp_path / "saved.msh").write_text("\n".join(lines) + "\n")
+    found = [of_table(tmp_path, file=name, **NUMBERS) for name in ("vessel.mesh", "saved.mesh", "saved.msh")]
+    assert found[0].geometry == found[1].geometry == found[2].geometry
+    (tmp_path / "cut.msh").write_text("\n".join(lines[:30]) + "\n")
+    with pytest.raises(SceneError, match="29 lines follow"):
+        of_table(tmp_path, file="cut.msh", **NUMBERS)
+
+
 def test_named_sets(tmp_path) -> None:
     """Formats without numbers have sets of elements (Abaqus)."""
     drawing = vessel()
@@ -296,6 +314,16 @@ def test_scripts_and_sweeps_know_their_mesh(scene, tmp_path, capsys) -> None:
         main(["render", str(tmp_path / "scene.toml"), "-o", str(tmp_path / 'a"b.edp')])
     assert stopped.value.code == 2 and "needs a name of letters" in capsys.readouterr().err
     assert not (tmp_path / 'a"b.edp').exists()
+    for name in ("vessel.msh", "scene.toml", "own.edp"):  # nothing of the user's is replaced
+        (tmp_path / "own.mesh").write_text("mine")
+        before = {path: path.read_bytes() for path in tmp_path.iterdir()}
+        with pytest.raises(SystemExit) as stopped:
+            main(["render", str(tmp_path / "scene.toml"), "-o", str(tmp_path / name)])
+        assert stopped.value.code == 2 and " is there, and no " in capsys.readouterr().err
+        assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
+    with pytest.raises(SystemExit) as stopped:
+        main(["render", str(tmp_path / "scene.toml"), "-o", str(tmp_path / "flow.edp")])  # ours is
+    assert not stopped.value.code
     vary = {"design": "product", "vary": {"inflow.mean_velocity": [0.01, 0.02]}}
     assert define(scene, vary)["mesh"] == scene.geometry.digest and "mesh" not in define(load_scene("flap-svk"), vary)
 

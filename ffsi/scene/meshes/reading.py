@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import io
 import re
+import tempfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -12,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ffsi.files.arrays import Floats, Ints
-from ffsi.scene.errors import count, fault, names, nearest, short
+from ffsi.scene.errors import SceneError, count, fault, names, nearest, short
 from ffsi.scene.meshes.msh import is_msh, read_msh
 
 # Cell data that hold the numbers of groups, by the formats that write them.
@@ -27,6 +28,10 @@ _TURNS = {"x": "Rotate {{0, 1, 0}, {0, 0, 0}, Pi/2}", "y": "Rotate {{1, 0, 0}, {
 _KEYWORD = re.compile(r"^\*\s*(NODE|ELEMENT|ELSET|INCLUDE)\s*(?:,(.*))?$", re.IGNORECASE)
 _ELSET = re.compile(r"\bELSET\s*=\s*([^,]*)", re.IGNORECASE)
 _MARKER = re.compile(r"^\s*MARKER_TAG\s*=(.*)$", re.MULTILINE)
+# What FreeFEM writes: into .mesh a section that meshio does not know, into .msh a format of its own.
+_SUBDOMAINS = re.compile(r"^SubDomainFromGeom\s+\d[\d\s-]*", re.MULTILINE)
+_SINGLE = re.compile(r"^(MeshVersionFormatted\s+)[01]\b", re.MULTILINE)  # meshio would read single precision
+_COUNTS = re.compile(r"\s*(\d{1,9})[ \t]+(\d{1,9})[ \t]+(\d{1,9})[ \t]*\r?\n")
 FAR = 1e100
 """Larger coordinates are none: products of three of them have no value."""
 PLANE = 1e-9
@@ -60,7 +65,8 @@ def read_mesh_file(path: Path) -> MeshFile:
     """Read a mesh of plane triangles.
 
     Args:
-        path: a file of Gmsh (versions 2 and 4.1), or of any other format that meshio reads.
+        path: a file of Gmsh (versions 2 and 4.1), of FreeFEM's `savemesh` (.mesh, .msh), or of any other format that
+            meshio reads.
 
     Raises:
         SceneError: the file is missing, damaged or unreadable, holds other elements than linear triangles and lines, or
@@ -149,7 +155,14 @@ def _read(path: Path) -> Any:
     said = io.StringIO()
     try:
         with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
-            return meshio.read(path)
+            if (text := _as_medit(path)) is None:
+                return meshio.read(path)
+            with tempfile.NamedTemporaryFile("w", suffix=".mesh") as file:
+                file.write(text)
+                file.flush()
+                return meshio.read(file.name)
+    except SceneError:
+        raise
     except (Exception, SystemExit) as error:  # meshio's readers raise whatever a malformed file leads to
         if "at least one array to concatenate" in str(error):
             raise fault("the file holds no elements") from None
@@ -158,6 +171,30 @@ def _read(path: Path) -> Any:
         reason = " ".join(f"{error}".split()) if isinstance(error, Exception) else ""
         reason = reason or " ".join(said.getvalue().split()) or type(error).__name__
         raise fault(f"meshio cannot read it: {reason[:200]}") from None
+
+
+def _as_medit(path: Path) -> str | None:
+    """Return Medit text that meshio reads whole, also of what FreeFEM's `savemesh` wrote; None of any other file."""
+    if path.suffix.lower() not in (".mesh", ".msh"):
+        return None
+    try:
+        text = path.read_text(encoding="ascii")
+    except UnicodeDecodeError:
+        return None
+    if path.suffix.lower() == ".mesh":
+        return _SINGLE.sub(r"\g<1>2", _SUBDOMAINS.sub("", text))
+    if not (found := _COUNTS.match(text)):
+        return None
+    lines, first = text[found.end() :].splitlines(), 0
+    sections = {"Vertices": int(found[1]), "Triangles": int(found[2]), "Edges": int(found[3])}
+    if len(lines) < sum(sections.values()):
+        told = " + ".join(f"{number} {name.lower()}" for name, number in sections.items())
+        raise fault(f"its first line says {told}, and {count(len(lines), 'line')} follow")
+    medit = ["MeshVersionFormatted 2", "Dimension 2"]
+    for name, number in sections.items():
+        medit += [name, str(number), *lines[first : first + number]]
+        first += number
+    return "\n".join([*medit, "End", ""])
 
 
 def _unknown_node(error: BaseException) -> str | None:
