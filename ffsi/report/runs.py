@@ -17,6 +17,7 @@ from ffsi.hemodynamics.result import Result, load_results
 from ffsi.report import animation, blood, formulas, history, scene, viewer
 from ffsi.report.blocks import Block, Picture, Pictures, Section, Text, Viewer, marked
 from ffsi.report.curves import sensitivity_bars
+from ffsi.report.refinement import adapted
 from ffsi.report.tables import Rows, about_key, cell
 from ffsi.result import in_time, pictures, views
 from ffsi.result.evaluation import Notes, attempt
@@ -156,7 +157,15 @@ def _results(result: Result) -> list[Block]:
                 f"{found[0]:.8g}", f"{100 * (value - found[0]) / abs(found[0]):+.3f} %", found[1].source,
             ]  # fmt: skip
         body.append(cells)
-    return [Rows(head, body, numeric, f"Quantities {when}".strip()), *_sensitivities(result)]
+    return [Rows(head, body, numeric, f"Quantities {when}".strip()), *_meshes(result), *_sensitivities(result)]
+
+
+def _meshes(result: Result) -> list[Block]:
+    if "adaptation" not in result.data:
+        return []
+    rows, figure = adapted(result.data["adaptation"])
+    caption = "Sizes of the estimated errors, relative to the values, by the unknowns of the meshes; line: tolerance."
+    return [rows, *([Pictures("", [Picture.of(figure, caption, _BARS)])] if figure else [])]
 
 
 def _sensitivities(result: Result) -> list[Block]:

@@ -291,7 +291,9 @@ def test_report_of_a_run(tmp_path):
     assert "(0.01 m here)" in html
 
 
-TO_1_PERCENT = {"tolerance": 0.01, "unknowns": 0, "warnings": [], "rounds": [{"quantities": {"drag": {}, "lift": {}}}]}
+ESTIMATED = {"drag": {"value": 14.3, "estimate": -0.02, "bar": 0.06}, "lift": {"value": 0.77}}
+MESHES = [{"unknowns": 400 * n, "triangles": 50 * n, "quantities": ESTIMATED} for n in (1, 2)]
+TO_1_PERCENT = {"tolerance": 0.01, "unknowns": 0, "rounds": MESHES}
 
 
 @pytest.mark.parametrize(
@@ -305,7 +307,10 @@ TO_1_PERCENT = {"tolerance": 0.01, "unknowns": 0, "warnings": [], "rounds": [{"q
 )
 def test_the_command_of_a_run_says_what_it_was_asked_for(data, said, tmp_path, quick, no_pictures):
     write_report([make_run(tmp_path / "run", case="turek-fsi1", **data)], tmp_path / "report.html")
-    assert said in (tmp_path / "report.html").read_text()
+    html = (tmp_path / "report.html").read_text()
+    assert said in html and ("14.3 ± 0.06 (-0.02)" in html and "Sizes of the estimated errors" in html) == (
+        "adaptation" in data
+    )
 
 
 def test_remarks_follow_material_and_density():
