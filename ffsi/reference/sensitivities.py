@@ -14,7 +14,7 @@ from ffsi.reference.forces import compute_forces
 from ffsi.reference.from_scene import problem_from_scene
 from ffsi.reference.quantities import Quantity, at_outlet, recompute
 from ffsi.reference.residual import compute_residual
-from ffsi.reference.solve import Factors, flat, jacobian, moved, residual_vector
+from ffsi.reference.solve import Factors, jacobian_along, moved, residual_vector
 from ffsi.reference.system import System
 from ffsi.scene import Scene, with_values
 
@@ -36,7 +36,7 @@ def derivatives(scene: Scene, mesh: RawMesh, state: RawState, keys: Iterable[str
     """Return the derivative of every quantity by each of the parameters, in SI, by ``by_name``."""
     system, known = System.build(problem_from_scene(scene), mesh), scene.parameters()
     values = values_of(system, state)
-    factors, matrix, found = Factors.of(system, state), jacobian(system, state), {}
+    factors, found = Factors.of(system, state), {}
     for key in keys:
         size = abs(known[key]) or 1.0
         h = _STEP * (min(size, 0.5 - known[key]) if key.endswith("poisson_ratio") else size)  # at 1/2 it is steep
@@ -48,8 +48,8 @@ def derivatives(scene: Scene, mesh: RawMesh, state: RawState, keys: Iterable[str
         for place, weight in _STENCIL.items():
             rows += weight / h * residual_vector(systems[place], state, compute_residual(systems[place], state))
         tangent = factors.solution(system, state, rows)
-        left = rows + matrix @ flat(tangent)
-        tangent = moved(tangent, factors.solution(system, state, left))
+        left = rows + jacobian_along(system, state, tangent)  # what the elimination and sums of a matrix have lost
+        tangent = moved(tangent, factors.solution(system, state, left.astype(np.float64)))
         ends = {place: values_of(systems[place], moved(state, tangent, place * h)) for place in _STENCIL}
         for name, quantity in values.items():
             part = _SMALL if abs(quantity.value) >= quantity.scale else _OF_NOTHING

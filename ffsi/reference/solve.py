@@ -126,6 +126,21 @@ def jacobian(system: System, state: RawState) -> csc_array:
     return result
 
 
+def jacobian_along(system: System, state: RawState, direction: RawState) -> Floats:
+    """Return ``jacobian`` times a direction, (N,), by elements in extended precision: without what a matrix rounds."""
+    source, given = _row_sources(system)
+    unknowns, along_it = flat(state), flat(direction).astype(np.longdouble)
+    rows = np.zeros(len(source) + 2 * system.mesh.n_p2, dtype=np.longdouble)
+    for function, local, equations in _groups(system, state):
+        forward = unknowns[local] + 1j * np.longdouble(_COMPLEX_STEP) * along_it[local]
+        np.add.at(rows, equations, np.imag(function(forward)) / np.longdouble(_COMPLEX_STEP))
+    vector = np.where(given, along_it, rows[source])
+    vector += _sliding(system) @ (along_it - vector)
+    if (closed := _of_level(system)) is not None:
+        vector[closed[0]] = closed[1] @ along_it
+    return np.asarray(vector)
+
+
 def residual_vector(system: System, state: RawState, residual: Residual) -> Floats:
     """Residual of every unknown's row, (N,) with N = 4 n2 + nv + number of mixed solids nv, in the order u, v, p, ps.
 

@@ -335,6 +335,9 @@ def _structure(scene: Scene, *, parts: bool, varying: bool) -> list[str]:
         "hasLoads": scene.loads or scene.traction or scene.point_forces,
         "hasPointForces": scene.point_forces,
         "isHeld": any(is_held(scene, b) for b in boundaries(scene)),
+        "hasCubicLaws": not fluid
+        and not time
+        and all(law.material == "st-venant-kirchhoff" and not law.mixed for law in scene.solid.values()),
         "hasGivenBends": bends and not coupled,
         "hasParts": parts,
         "hasNamedInlets": scene.inlet,
