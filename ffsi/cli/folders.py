@@ -112,6 +112,16 @@ def report(
     show.note(f"wrote {output}")
 
 
+def holds(directory: Path, scene: Scene) -> bool:
+    """Tell whether the run in a folder is one of this scene; not where its `scene.toml` cannot be read."""
+    from ffsi.scene import SceneError, load_scene
+
+    try:
+        return load_scene(directory / folder.SCENE) == scene
+    except (InputError, SceneError):
+        return False
+
+
 def check_animation(scene: Scene, field: str) -> None:
     """Refuse an animation that cannot be made, before anything is computed."""
     fluid, solid = scene.fluid is not None, bool(scene.solid)

@@ -65,7 +65,9 @@ for name, command in scenes.COMMANDS.items():
 def run(
     case: OptionalCase = None,
     settings: Settings = [],  # noqa: B006
-    out: Annotated[Path | None, typer.Option("--out", help="The run folder.", show_default="runs/CASE")] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="The run folder; a run in it is replaced.", show_default="runs/CASE")
+    ] = None,
     json: AsJson = False,
     no_check: NoCheck = False,
     resume: Annotated[
@@ -142,6 +144,9 @@ def run(
         scene, _ = asked_of(scene, names, tolerance, unknowns)
         directory = out or Path("runs") / scene.name
         folder.check_usable(directory)
+        inside = folder.is_sweep_folder(directory.parent)  # which is refused
+        if (directory / folder.RESULT).is_file() and not inside and not folders.holds(directory, scene):
+            show.note(f"the run of another scene in {directory} is replaced; --out keeps both")
     if animate is not None:
         folders.check_animation(scene, animate)
     if not json:

@@ -39,9 +39,9 @@ def scenes_beside(scene: Scene) -> dict[str, Scene]:
     """
     assert scene.time is not None
     if scene.time.adaptive:
-        raise InputError("error: time.adaptive = true; accepted in time: false, error bars need a second step")
+        raise InputError("time.adaptive = true; accepted in time: false, error bars need a second step")
     if scene.mesh.level == 0:
-        raise InputError("error: mesh.level = 0; accepted in time: 1 or more, error bars need a coarser mesh")
+        raise InputError("mesh.level = 0; accepted in time: 1 or more, error bars need a coarser mesh")
     step = 2 * scene.time.step
     longer = {
         f"time.{key}": step

@@ -84,6 +84,8 @@ def solve(
         raise InputError(f"animate = {animate!r}: accepted: {', '.join(folder.PICTURES)}")
     if on_event is not None and not callable(on_event):
         raise InputError(f"on_event = {on_event!r}: accepted: a function that takes an event")
+    if target is not None and folder.is_sweep_folder(target.parent) and (target / folder.CHAIN).is_file():
+        raise InputError(f"{target} is a piece of the sweep {target.parent}; give another folder")
     named = [name for name, wanted in (("sensitivities", sensitivities), ("error", error)) if wanted]
     if sensitivities and scene.time is not None:
         raise InputError(f"sensitivities: {scene.name} is a scene in time; accepted: steady ones")

@@ -238,6 +238,10 @@ def _of_mesh(answers: Answers) -> dict[str, Any]:
         if name not in (*curves, NONE):
             text = f"no boundary of the mesh; accepted: {names([*curves, NONE])}"
             raise SceneError([Problem(key, text, short(name), nearest(name, curves))])
+    if inlet == clamped == NONE:
+        text = f"missing, as is clamped, and no boundary sounds like one; accepted: {names(curves)}"
+        text = text if curves else "missing: the file gives no boundaries names or numbers (in Gmsh: physical curves)"
+        raise SceneError([Problem("inlet", text)])
     wet = {region for regions in beside.get(inlet, ()) for region in regions}
     walls = [
         curve for curve, regions in beside.items()

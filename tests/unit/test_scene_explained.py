@@ -121,6 +121,8 @@ def test_names_are_guessed_in_a_draft_of_ones_own_mesh(tmp_path):
     assert Scene.from_toml(text).physics == "fsi"
     with pytest.raises(SceneError, match=r"outfow.*accepted"):
         draft("mine", Answers(MESH, mesh="vessel.msh", outlet="outfow"))
+    with pytest.raises(SceneError, match=r"inlet: missing, as is clamped, and no boundary sounds like one; accepted: "):
+        draft("mine", Answers(MESH, mesh="vessel.msh", inlet="none", clamped="none"))
     closed = draft("mine", Answers(MESH, "fsi", "mooney-rivlin", end="1 s", mesh="vessel.msh", outlet="none"))
     young, _ = Scene.from_toml(closed).solid["wall"].young_poisson
     assert "outlet" not in tomllib.loads(closed) and young == pytest.approx(1e6, rel=1e-5)
