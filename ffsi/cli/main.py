@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import copy
 import functools
 import logging
 import sys
@@ -361,14 +362,22 @@ def main(arguments: Sequence[str] | None = None, commands: typer.Typer = app, na
     sys.exit(code)
 
 
-_tree = functools.cache(typer.main.get_command)  # 15 ms at every call, of all commands
+@functools.cache
+def _tree(commands: typer.Typer, called: str) -> Any:
+    """Return the command that is called, or all of them: to make these takes 13 ms."""
+    called_alone = copy.copy(commands)
+    called_alone.registered_commands = [
+        each for each in commands.registered_commands if each.callback and called in (each.name, each.callback.__name__)
+    ]
+    found = commands.registered_callback and called_alone.registered_commands
+    return typer.main.get_command(called_alone if found else commands)
 
 
 def _call(arguments: Sequence[str] | None, commands: typer.Typer, name: str) -> int:
     """Run a command and return its exit code; whatever goes wrong is said in one place."""
     try:
-        words = list(arguments) if arguments is not None else None
-        return int(_tree(commands)(args=words, prog_name=name, standalone_mode=False) or 0)
+        words = list(sys.argv[1:] if arguments is None else arguments)
+        return int(_tree(commands, words[0] if words else "")(args=words, prog_name=name, standalone_mode=False) or 0)
     except InputError as error:
         show.error(str(error))
         return BAD_INPUT

@@ -6,12 +6,14 @@ import threading
 import time
 from collections.abc import Callable
 from types import TracebackType
-
-from rich.console import Console
-from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+from typing import TYPE_CHECKING
 
 from ffsi.freefem.events import Event
 from ffsi.text import printable
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.progress import Progress, TaskID
 
 __all__ = ["Event", "ProgressDisplay"]
 
@@ -27,7 +29,7 @@ class ProgressDisplay:
     """
 
     def __init__(
-        self, case: str = "", points: int | None = None, *, console: Console | None = None,
+        self, case: str = "", points: int | None = None, *, console: "Console | None" = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:  # fmt: skip
         """Prepare a display; nothing is drawn before `with`, and nothing at all when the console is no terminal."""
@@ -44,25 +46,21 @@ class ProgressDisplay:
         self._clock = clock
         self._begin = clock()
         self._lock = threading.Lock()
-        self._progress = Progress(
-            SpinnerColumn(), TextColumn("{task.description}"), BarColumn(bar_width=20),
-            TextColumn("{task.fields[state]}"), TimeElapsedColumn(), TextColumn("{task.fields[left]}"),
-            console=console or Console(stderr=True), transient=True, redirect_stdout=False,
-            disable=not (console.is_terminal if console else sys.stderr.isatty()),
-        )  # fmt: skip
-        self._task = self._progress.add_task(case, total=None, state="", left="")
+        self._live = _live(console, case) if (console.is_terminal if console else sys.stderr.isatty()) else None
 
     def __enter__(self) -> "ProgressDisplay":
         """Start to draw."""
         self._begin = self._clock()
-        self._progress.start()
+        if self._live:
+            self._live[0].start()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         """Wipe the line."""
-        self._progress.stop()
+        if self._live:
+            self._live[0].stop()
 
     def __call__(self, event: Event) -> None:
         """Take one event; kinds that say nothing about progress are ignored."""
@@ -119,7 +117,7 @@ class ProgressDisplay:
         self._of_results = True
         self._points, self.finished = event.integer("points"), event.integer("done")
         self.failed, self._running = event.integer("failed"), event.integer("running")
-        if self._progress.disable:
+        if not self._live:
             left = self.seconds_left
             line = (
                 f"{self.finished}/{self._points} {event.text}: {event.word('verdict')}, {event.number('seconds'):.1f} s"
@@ -134,15 +132,30 @@ class ProgressDisplay:
         self._detail = f"t = {self._reached:.4g} of {self._end:g} s · step {event.integer('step')}"
 
     def _draw(self) -> None:
+        if not self._live:
+            return
         left = self.seconds_left
         total: float | None = self._points if self._points > 1 else None
         completed: float = self.finished
         if self._in_time:
             total, completed = self._end, self._reached
-        self._progress.update(
-            self._task, description=self.case, completed=completed, total=total, state=self.state,
+        progress, task = self._live
+        progress.update(
+            task, description=self.case, completed=completed, total=total, state=self.state,
             left="" if left is None else f"about {_duration(left)} left",
         )  # fmt: skip
+
+
+def _live(console: "Console | None", case: str) -> "tuple[Progress, TaskID]":
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+    progress = Progress(
+        SpinnerColumn(), TextColumn("{task.description}"), BarColumn(bar_width=20),
+        TextColumn("{task.fields[state]}"), TimeElapsedColumn(), TextColumn("{task.fields[left]}"),
+        console=console or Console(stderr=True), transient=True, redirect_stdout=False,
+    )  # fmt: skip
+    return progress, progress.add_task(case, total=None, state="", left="")
 
 
 def _mesh(event: Event) -> str:

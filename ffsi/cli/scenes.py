@@ -12,9 +12,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.console import Console
-from rich.table import Table
-from rich.text import Text
 
 from ffsi.cli import show as printed
 from ffsi.cli.arguments import AsJson, Case, Settings, check_output
@@ -23,6 +20,9 @@ from ffsi.files.errors import InputError
 from ffsi.text import listed, nearest, printable
 
 if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.table import Table
+
     from ffsi.run.meshing import Meshed
     from ffsi.scene import Scene
     from ffsi.scene.keys import Key
@@ -92,12 +92,12 @@ def _print_keys(found: Sequence[Key], *, values: bool) -> None:
         heads = ["key", "unit", *(["value"] if values else []), "default", "accepted", "meaning"]
         table = _table(only or None, *heads)
         for item in group:
-            table.add_row(*(Text(getattr(item, name)) for name in heads))
+            table.add_row(*(printed.plain(getattr(item, name)) for name in heads))
         printed.stdout().print(table)
 
 
 def _table(title: str | None, *names: str) -> Table:
-    table = Table(title=title, title_justify="left", box=None, pad_edge=False, padding=(0, 2, 0, 0))
+    table = printed.new_table(title=title, title_justify="left", header_style=None, padding=(0, 2, 0, 0))
     for name in names:
         table.add_column(name, overflow="fold", min_width=len(name))
     return table
@@ -156,7 +156,7 @@ def _print_scene(scene: Scene) -> None:
     from ffsi.result.resolution import of_scene
 
     console, domain = printed.stdout(), intended(scene)
-    console.print(Text(printable(scene.heading), style="bold"), soft_wrap=True)
+    console.print(printed.plain(printable(scene.heading), style="bold"), soft_wrap=True)
     console.print()
     regions = _table(None, "region", "area", "what is there")
     for name, area in domain["regions"].items():
@@ -164,19 +164,19 @@ def _print_scene(scene: Scene) -> None:
         what = printed.material_line(name, solid).partition(": ")[2] if solid else ""
         density = solid.density if solid else scene.fluid.density if scene.fluid else 0.0
         what = what or (scene.fluid.law if scene.fluid else "")
-        regions.add_row(*map(Text, (name, f"{area:.6g} m²", f"{what}, density {density:g} kg/m³")))
+        regions.add_row(*map(printed.plain, (name, f"{area:.6g} m²", f"{what}, density {density:g} kg/m³")))
     console.print(regions)
     console.print()
     sides = _table(None, "boundary", "role", "length", "condition")
     for name, side in domain["boundaries"].items():
         inlet = scene.inlet.get(name)
         condition = PRESSED if inlet is not None and inlet.pressure is not None else CONDITIONS[side["role"]]
-        sides.add_row(*map(Text, (name, side["role"], f"{side['length']:.6g} m", condition)))
+        sides.add_row(*map(printed.plain, (name, side["role"], f"{side['length']:.6g} m", condition)))
     console.print(sides)
     console.print()
     rows = _table(None, "number", "value", "how it is formed")
     for number in numbers(scene):
-        rows.add_row(*map(Text, (number.name, f"{number.value:.4g}", number.formula)))
+        rows.add_row(*map(printed.plain, (number.name, f"{number.value:.4g}", number.formula)))
     if rows.row_count:
         console.print(rows)
         console.print()
@@ -188,7 +188,7 @@ def _print_scene(scene: Scene) -> None:
         step, end = scene.time.step, scene.time.end
         lines.append(f"time: steps of {step:g} s{' at most' if scene.time.adaptive else ''} to t = {end:g} s")
     for line in [*lines, *(f"warning: {warning}" for warning in of_scene(scene))]:
-        console.print(Text(printable(line)), soft_wrap=True)
+        console.print(printed.plain(printable(line)), soft_wrap=True)
 
 
 def _print_mesh(scene: Scene, found: Meshed) -> None:
@@ -199,7 +199,7 @@ def _print_mesh(scene: Scene, found: Meshed) -> None:
     lengths = np.linalg.norm(sides - np.roll(sides, 1, axis=1), axis=2)
     where = f"x {low[0]:.5g} to {high[0]:.5g} m, y {low[1]:.5g} to {high[1]:.5g} m"
     text = f"{len(sides)} triangles, {found.unknowns} unknowns, edges from {lengths.min():.3g} to {lengths.max():.3g} m"
-    printed.stdout().print(Text(f"mesh: level {scene.mesh.level}, {text}; {where}"), soft_wrap=True)
+    printed.stdout().print(printed.plain(f"mesh: level {scene.mesh.level}, {text}; {where}"), soft_wrap=True)
 
 
 def _option(name: str, words: str, metavar: str | None = None) -> Any:
@@ -271,8 +271,8 @@ def _ask(answers: Any) -> None:
     if answers.geometry is None:
         kinds = _table(None, "domain", "what it is")
         for kind, what in drafts.kinds().items():
-            kinds.add_row(Text(kind), Text(what))
-        Console(stderr=True, highlight=False).print(kinds)
+            kinds.add_row(printed.plain(kind), printed.plain(what))
+        _stderr().print(kinds)
     ask("geometry", "Which domain?", drafts.FIRST, check=drafts.choices)
     if answers.geometry == drafts.MESH:
         ask("mesh", "Which mesh file?", "", check=drafts.groups)
@@ -296,6 +296,12 @@ def _ask(answers: Any) -> None:
     ask("level", "How fine is the mesh (with a flow 7000 to 150 000 unknowns)?", "1", list("01234"))
 
 
+def _stderr() -> Console:
+    from rich.console import Console
+
+    return Console(stderr=True, highlight=False)
+
+
 _Check = Callable[[str], object]
 
 
@@ -305,7 +311,7 @@ def _answer(question: str, default: str, accepted: Sequence[str], check: _Check)
 
     from ffsi.scene import SceneError
 
-    console = Console(stderr=True, highlight=False)
+    console = _stderr()
     while True:
         try:
             text = Prompt.ask(question, console=console, choices=list(accepted) or None, default=default or ...)

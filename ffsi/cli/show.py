@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
+import os
 import shlex
 import sys
 import tempfile
@@ -12,14 +13,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rich.console import Console
-from rich.table import Table
-from rich.text import Text
-
 from ffsi.text import cut, printable
 
 if TYPE_CHECKING:  # what reads results takes half a second to load
     import pandas as pd
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
 
     from ffsi.cli.progress import ProgressDisplay
     from ffsi.hemodynamics.result import Result
@@ -34,17 +34,29 @@ MINOR = ("_surface", "_x", "_y", "drag_cylinder", "lift_cylinder", "drag_beam", 
 
 def stdout() -> Console:
     """Return where results are printed."""
+    from rich.console import Console
+
     console = Console(highlight=False)
     return console if console.is_terminal else Console(highlight=False, width=160)  # a file has no narrow lines
 
 
-def _stderr() -> Console:
-    return Console(stderr=True, highlight=False)
+def plain(words: str, style: str = "", **options: Any) -> Text:
+    """Return words without markup."""
+    from rich.text import Text
+
+    return Text(words, style=style, **options)
 
 
 def text(value: object, style: str = "") -> Text:
     """Return what a file or a person has named, fit for a table: no markup, no control characters."""
-    return Text(cut(value), style=style)
+    return plain(cut(value), style)
+
+
+def new_table(**options: Any) -> Table:
+    """Return a table without lines."""
+    from rich.table import Table
+
+    return Table(**{"box": None, "pad_edge": False, "header_style": "bold", **options})
 
 
 def _lines(message: str) -> str:
@@ -53,12 +65,13 @@ def _lines(message: str) -> str:
 
 def error(message: str) -> None:
     """Print an error on stderr, as it is."""
-    _stderr().print(Text("error: ", style="bold red") + Text(_lines(message)), soft_wrap=True)
+    mark = "\x1b[1;31merror:\x1b[0m" if sys.stderr.isatty() and "NO_COLOR" not in os.environ else "error:"
+    sys.stderr.write(f"{mark} {_lines(message)}\n")
 
 
 def note(message: str) -> None:
     """Print a note on stderr."""
-    _stderr().print(Text(_lines(message)), soft_wrap=True)
+    sys.stderr.write(_lines(message) + "\n")
 
 
 def usage(error_of_typer: Any) -> int:
@@ -107,11 +120,11 @@ def progress(case: str = "", points: int | None = None) -> ProgressDisplay:
 
 def cases(entries: Sequence[Mapping[str, Any]]) -> None:
     """Print the catalogue."""
-    table = Table(box=None, pad_edge=False, header_style="bold")
+    table = new_table()
     for column in ("case", "physics", "description"):
         table.add_column(column, no_wrap=column != "description")
     for entry in entries:
-        table.add_row(Text(entry["name"]), Text(entry["physics"]), Text(entry["description"]))
+        table.add_row(plain(entry["name"]), plain(entry["physics"]), plain(entry["description"]))
     stdout().print(table)
 
 
@@ -120,7 +133,7 @@ def domain(scene: Scene) -> None:
     from ffsi.result.domain import intended, words
 
     for line in words(intended(scene)):
-        stdout().print(Text(line), soft_wrap=True)
+        stdout().print(plain(line), soft_wrap=True)
 
 
 def result(done: Result) -> None:
@@ -141,12 +154,12 @@ def result(done: Result) -> None:
     if "adaptation" in data:
         console.print(adaptation(data["adaptation"]["rounds"]))
     for line in summary(done):
-        console.print(Text(printable(line)), soft_wrap=True)
+        console.print(plain(printable(line)), soft_wrap=True)
 
 
 def adaptation(rounds: Sequence[Mapping[str, Any]]) -> Table:
     """Return the table of the meshes that were made for quantities: unknowns, values with their bars."""
-    table = Table(box=None, pad_edge=False, header_style="bold")
+    table = new_table()
     names = list(rounds[0]["quantities"])
     for name in ("unknowns", *names):
         table.add_column(text(name), justify="right")
@@ -166,7 +179,7 @@ def quantities(
     """Return the table of (flattened) quantities, with error bars, published values and differences from them."""
     from ffsi.result.quantities import error_bar, published_value, unit
 
-    table = Table(box=None, pad_edge=False, header_style="bold")
+    table = new_table()
     table.add_column(text(heading))
     table.add_column("value", justify="right")
     table.add_column("unit")
@@ -249,7 +262,7 @@ def sweep(table: pd.DataFrame, keys: Sequence[str], out: Path) -> None:
     console = stdout()
     endings = ("", "_mean", "_amplitude", "_frequency")
     names = [name + ending for name in in_table("sweep") for ending in endings if name + ending in table]
-    shown = Table(box=None, pad_edge=False, header_style="bold")
+    shown = new_table()
     for name in [*keys, "status", *names, "check_maximum", "seconds"]:
         shown.add_column(text(name), justify="left" if name == "status" else "right")
     for _, line in table.head(_ROWS).iterrows():
@@ -262,18 +275,18 @@ def sweep(table: pd.DataFrame, keys: Sequence[str], out: Path) -> None:
     console.print(shown)
     if len(table) > _ROWS:
         console.print(f"and {len(table) - _ROWS} more in {out / TABLE}")
-    console.print(Text(tally(table)[0]), soft_wrap=True)
-    console.print(Text(printable(f"files: {out}")), soft_wrap=True)
+    console.print(plain(tally(table)[0]), soft_wrap=True)
+    console.print(plain(printable(f"files: {out}")), soft_wrap=True)
     for warning, count in table["warnings"].fillna("").value_counts().items():
         if warning:
-            console.print(Text(f"warning at {count} of {len(table)} points: {warning}"), soft_wrap=True)
+            console.print(plain(f"warning at {count} of {len(table)} points: {warning}"), soft_wrap=True)
 
 
 def levels(table: pd.DataFrame, out: Path) -> None:
     """Print the quantities on several meshes, what they tend to, and the error bar of the finest."""
     from ffsi.result.quantities import unit
 
-    shown = Table(box=None, pad_edge=False, header_style="bold")
+    shown = new_table()
     for name in ("quantity", "unit", *table.columns):
         shown.add_column(text(name), justify="left" if name in ("quantity", "unit") else "right")
     for name, line in table.iterrows():
@@ -282,13 +295,13 @@ def levels(table: pd.DataFrame, out: Path) -> None:
             shown.add_row(text(str(name)), text(unit(str(name))), *cells)
     console = stdout()
     console.print(shown)
-    console.print(Text(printable(f"files: {out}")), soft_wrap=True)
+    console.print(plain(printable(f"files: {out}")), soft_wrap=True)
 
 
 def checks(reports: Sequence[tuple[Result, CheckReport]]) -> None:
     """Print the numbers of the checker, one column per point."""
     rows = check_rows(reports)
-    table = Table(box=None, pad_edge=False, header_style="bold")
+    table = new_table()
     table.add_column("relative residual or difference")
     for line in rows:
         table.add_column(f"point {line['point']}", justify="right")
@@ -303,7 +316,7 @@ def sensitivities(slopes: pd.DataFrame, logarithmic: pd.DataFrame) -> None:
     """Print derivatives: one line per quantity and parameter, the largest logarithmic one first."""
     from ffsi.result.quantities import unit
 
-    table = Table(box=None, pad_edge=False, header_style="bold")
+    table = new_table()
     for column in ("quantity", "by", "dJ/dp (SI)", "p/J dJ/dp"):
         table.add_column(column, justify="right" if "dJ" in column else "left")
     for name in map(str, slopes):
@@ -334,11 +347,11 @@ def doctor() -> bool:
 
     found = diagnose()
     style = {"ok": "green", "warn": "yellow", "fail": "bold red"}
-    table = Table(box=None, pad_edge=False, show_header=False)
+    table = new_table(show_header=False)
     for item in found:
         advice = f"\n{item.advice}" if item.advice and item.status != "ok" else ""
         table.add_row(
-            Text(item.status, style=style[item.status]), Text(item.name), Text(item.detail + advice, overflow="fold")
+            plain(item.status, style=style[item.status]), plain(item.name), plain(item.detail + advice, overflow="fold")
         )
     stdout().print(table)
     return healthy(found)

@@ -5,7 +5,8 @@ Matplotlib takes longer to load than a small run to solve.
 
 from __future__ import annotations
 
-import io
+import struct
+import zlib
 from collections.abc import Iterable
 from functools import cache
 from importlib.util import find_spec
@@ -13,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image, ImageColor, ImageDraw, ImageFont
 
 from ffsi.files.arrays import Floats, Ints
 from ffsi.result import views
@@ -21,6 +22,7 @@ from ffsi.result.fields import FLUID, Fields
 
 Colours = NDArray[np.uint8]
 _ZOOM = 2  # what is inside of the axes is painted so much larger, then averaged
+_MANY = 10_000  # triangles, from which on their parts are no larger than a pixel or two
 _AROUND = [0, 3, 1, 4, 2, 5]  # the nodes of a quadratic triangle in turn
 _WHITE, _DARKER = 255, 100  # in palettes of 256: outside, and where the colours of contour lines begin
 _ARROW = np.array(
@@ -76,7 +78,9 @@ def _mesh(sheet: _Sheet, fields: Fields) -> None:
     points, before = sheet.at(fields.deformed), sheet.at(fields.points)
     width = float(np.clip(20.0 / np.sqrt(len(fields.cells)), 0.15, 0.5))
     for selected, colour in ((~solid, "#b3b5b7"), (solid, "#5d666f")):
-        sheet.lines(points[views.edges_of(fields, selected)[0]], width, colour)
+        edges = points[views.edges_of(fields, selected)[0]]
+        seen = ((edges.max(axis=1) > 0) & (edges.min(axis=1) < sheet.inside.size)).all(axis=1)
+        sheet.lines(edges[seen], width, colour)
     sheet.outline(fields, np.full(len(solid), True), 0.9)
     for region in views.solid_regions(fields):
         sheet.outline(fields, fields.region == region, 1.4)
@@ -137,8 +141,12 @@ class _Sheet:
     def lines(self, lines: Iterable[Floats], width: float, colour: str = views.INK) -> None:
         """Draw lines of pixels (n, 2); their width in points."""
         thick = max(1, round(width * views.DPI * _ZOOM / 72))
+        core, ink = self.pen.draw, self.pen.draw.draw_ink(ImageColor.getrgb(colour))
         for line in lines:
-            self.pen.line(line.ravel().tolist(), colour, thick, "curve" if thick > 1 else None)
+            if thick > 1:
+                self.pen.line(line.ravel().tolist(), colour, thick, "curve")
+            else:  # past what Pillow does about colours for each line, which takes longer than to draw it
+                core.draw_lines(line.ravel().tolist(), ink, thick)
 
     def outline(self, fields: Fields, selected: NDArray[np.bool_], width: float) -> None:
         """Draw the outer edges of triangles."""
@@ -157,8 +165,8 @@ class _Sheet:
     def shades(
         self, fields: Fields, shown: NDArray[np.bool_], values: Floats, low: float, high: float, colours: Colours
     ) -> None:
-        """Colour triangles by values at the nodes, linear on the four parts of a triangle."""
-        where, found = self._values(fields, shown, values, 1)
+        """Colour triangles by values at the nodes, linear on the four parts of a triangle unless there are many."""
+        where, found = self._values(fields, shown, values, 1, parted=int(shown.sum()) < _MANY)
         found -= np.float32(low)
         found *= np.float32((len(colours) - 1) / (high - low))
         self._fill(np.where(where, np.clip(found, 0, len(colours) - 1), _WHITE).astype(np.uint8), colours)
@@ -167,7 +175,7 @@ class _Sheet:
         self, fields: Fields, shown: NDArray[np.bool_], values: Floats, levels: Floats, colours: Colours
     ) -> None:
         """Colour triangles between levels, with lines at them."""
-        where, found = self._values(fields, shown, values, _ZOOM)
+        where, found = self._values(fields, shown, values, _ZOOM, parted=False)
         found -= np.float32(levels[0])
         found *= np.float32(1 / (levels[1] - levels[0]))
         band = np.clip(np.floor(found) + 1, 0, len(levels)).astype(np.uint8)
@@ -181,15 +189,18 @@ class _Sheet:
         self._fill(np.where(where, band + np.uint8(_DARKER) * line, np.uint8(_WHITE)), both)
 
     def _values(
-        self, fields: Fields, shown: NDArray[np.bool_], values: Floats, zoom: int
+        self, fields: Fields, shown: NDArray[np.bool_], values: Floats, zoom: int, *, parted: bool
     ) -> tuple[NDArray[np.bool_], NDArray[np.float32]]:
-        """Return of every pixel whether it lies in the triangles, and the value there."""
-        triangles: Ints = fields.linear_triangles(shown)
-        corners = self.at(fields.deformed, zoom)[triangles]
+        """Return of every pixel whether it lies in the triangles, and the value there, linear on each."""
+        cells, points = fields.cells[shown], self.at(fields.deformed, zoom)
+        triangles, shapes = cells[:, :3], cells[:, _AROUND]
+        if parted:
+            triangles = shapes = fields.linear_triangles(shown)
+        corners = points[triangles]
         image = Image.new("I", (zoom * self.size[0], zoom * self.size[1]), 0)
-        pen = ImageDraw.Draw(image)
-        for i, corner in enumerate(corners.reshape(-1, 6).tolist(), 1):
-            pen.polygon(corner, i)
+        core = ImageDraw.Draw(image).draw  # as for lines
+        for i, shape in enumerate(points[shapes].reshape(len(shapes), -1).tolist(), 1):
+            core.draw_polygon(shape, core.draw_ink(i), 1)
         number: Ints = np.asarray(image)
         (a, b), change = np.moveaxis(corners[:, 1:] - corners[:, :1], 0, -1), values[triangles]
         first, second = change[:, 1] - change[:, 0], change[:, 2] - change[:, 0]
@@ -261,11 +272,19 @@ class _Sheet:
             self._upright(x + strip.width + views.DPI, y + strip.height // 2, label)
 
     def png(self) -> bytes:
-        """Return the page as PNG."""
+        """Return the page as PNG; each row as differences of neighbours (Pillow tries five filters for every row)."""
         self.page.paste(self.inside.reduce(_ZOOM), self.corner)
-        file = io.BytesIO()
-        self.page.save(file, "png", compress_level=1)
-        return file.getvalue()
+        width, height = self.page.size
+        colours = np.asarray(self.page).reshape(height, 3 * width)
+        rows = np.ones((height, 3 * width + 1), np.uint8)
+        rows[:, 1:4], rows[:, 4:] = colours[:, :3], colours[:, 3:] - colours[:, :-3]
+        header = struct.pack(">2I5B", width, height, 8, 2, 0, 0, 0)
+        parts = ((b"IHDR", header), (b"IDAT", zlib.compress(rows.tobytes(), 1)), (b"IEND", b""))
+        chunks = [
+            struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+            for kind, data in parts
+        ]
+        return b"".join([b"\x89PNG\r\n\x1a\n", *chunks])
 
 
 def _pixels(*inches: float) -> tuple[int, int]:

@@ -117,7 +117,9 @@ def bundle(text: str) -> str:
     pending = text.splitlines()[::-1]
     while pending:
         line = pending.pop()
-        if re.fullmatch(r"(?:(?:IFMACRO\(!?\w+\)|ENDIFMACRO) ?){2,}", line):
+        if all(kept) and not any(word in line for word in ("MACRO", "acro ", "include ")):
+            lines.append(line)
+        elif re.fullmatch(r"(?:(?:IFMACRO\(!?\w+\)|ENDIFMACRO) ?){2,}", line):
             pending += line.split()[::-1]
         elif found := re.fullmatch(r"( *)(IFMACRO\(!?\w+\)) (.*) ENDIFMACRO( //.*)?", line):
             pending += ["ENDIFMACRO", f"{found[1]}{found[3]}{found[4] or ''}", found[2]]

@@ -291,11 +291,19 @@ def test_a_description_never_runs(freefem, tmp_path, text):
 def test_a_run_loads_only_what_it_uses(tmp_path):
     """Names, not seconds: these take more than a second together."""
     code = "import atexit, sys; from ffsi.cli.main import main; atexit.register(lambda: print(*sys.modules)); main()"
-    heavy = {"scipy", "pandas", "pint", "meshio", "distributed", "xarray", "matplotlib", "shapely", "IPython"}
+    heavy = {"scipy", "pandas", "pint", "meshio", "distributed", "xarray", "matplotlib", "shapely", "rich.progress"}
     heavy |= {"ffsi.report", "ffsi.run.sweep", "ffsi.scene.meshes.reading", "ffsi.freefem.doctor"}
+    heavy |= {"PIL.PngImagePlugin", "IPython"}
     for drawn in (True, False):
-        plain = ["--set", f"output.pictures={str(drawn).lower()}", "--set", "mesh.level=0"]
+        plain = [
+            "--set",
+            f"output.pictures={str(drawn).lower()}",
+            "--set",
+            "mesh.level=0",
+            *([] if drawn else ["--json"]),
+        ]
         command = [sys.executable, "-c", code, "run", "turek-cfd1", *plain, "--out", str(tmp_path / "run")]
         found = subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()[-1].split()
         assert {"ffsi.reference.check", "ffsi.result.vtu"} <= set(found)
-        assert ("PIL" in found) == ("ffsi.result.painting" in found) == drawn and heavy & set(found) == set()
+        assert drawn == ("PIL" in found) == ("ffsi.result.painting" in found) == ("rich" in found)
+        assert heavy & set(found) == set()

@@ -54,7 +54,7 @@ def test_a_verdict_is_not_lost_with_its_words(capsys, monkeypatch, freefem, chec
     assert Path("runs/flap-svk/result.json").is_file()
 
 
-@pytest.mark.parametrize(("kilobytes", "words"), [(30_000, "cases"), (163_000, "run flap-svk")])
+@pytest.mark.parametrize(("kilobytes", "words"), [(30_000, "cases"), (80_000, "run flap-svk")])
 def test_a_machine_that_cannot_load_the_libraries_gets_a_message(kilobytes, words):
     command = f"ulimit -v {kilobytes}; {sys.executable} -m ffsi {words}"
     source = str(Path(folder.__file__).parents[2])
