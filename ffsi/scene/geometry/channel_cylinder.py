@@ -47,7 +47,7 @@ class ChannelCylinder(StraightChannel):
         if self.beam is not None:
             room = self.length - self.cylinder_x - radius
             found += [
-                *self._bound("beam.thickness", "less", 2 * radius, "the cylinder's diameter"),
+                *self._bound("beam.thickness", "less", 1.96 * radius, "0.98 of the cylinder's diameter"),
                 *self._bound("beam.length", "less", room, "length - cylinder_x - cylinder_radius"),
             ]
         return found
