@@ -88,4 +88,6 @@ def test_umfpack_computes_the_same(solved):
 
 def test_a_cylinder_near_a_wall_is_the_mirror_image_of_one_near_the_other(solved):
     low, high = (solved("cylinder-2d1", f"geometry.cylinder_y={y}").quantities for y in (0.08, 0.33))
-    assert low["drag"] == pytest.approx(high["drag"], rel=2e-3) and low["lift"] == pytest.approx(-high["lift"], rel=5e-3)
+    assert low["drag"] == pytest.approx(high["drag"], rel=2e-3) and low["lift"] == pytest.approx(
+        -high["lift"], rel=5e-3
+    )
