@@ -21,8 +21,9 @@ def start_difference(scene: Scene, system: System, state: RawState) -> float | N
     """Return how far the state at t = 0 is from what the scene says; None of a scene that starts from rest.
 
     Compared are u of the solids, v, and the pressures of mixed solids, each relative to its largest value, at the nodes
-    where nothing is prescribed and that lie in a triangle of the mesh that they come from; the rest is the residual of
-    the mesh of the fluid, which follows the solids. ``system`` is the steady one. Infinite if too few nodes are found.
+    where nothing is prescribed and that lie in a triangle of their region of the mesh that they come from; the rest is
+    the residual of the mesh of the fluid, which follows the solids. ``system`` is the steady one. Infinite if of a
+    region too few nodes are found.
     """
     if scene.time is None or (scene.time.initial is None and scene.start is None):
         return None
@@ -34,7 +35,7 @@ def start_difference(scene: Scene, system: System, state: RawState) -> float | N
     if system.fluid is None:  # of the steady system v is none
         free_v = ~rows.u_given & ~rows.u_normal.any(axis=1)
     free_u = in_solid & ~rows.u_given & ~rows.u_normal.any(axis=1)
-    expected_u, expected_v, found = _expected(scene, points)
+    expected_u, expected_v, found = _expected(scene, system.mesh)
     worst = []
     for values, expected, where in ((state.u, expected_u, free_u), (state.v, expected_v, free_v)):
         chosen = where & found
@@ -59,9 +60,10 @@ def start_difference(scene: Scene, system: System, state: RawState) -> float | N
     return largest(worst)
 
 
-def _expected(scene: Scene, points: Floats) -> tuple[Floats, Floats, Mask]:
-    """Return u and v (n, 2) at points (n, 2), and where they are known."""
+def _expected(scene: Scene, mesh: RawMesh) -> tuple[Floats, Floats, Mask]:
+    """Return u and v (n, 2) at the nodes of a mesh, and where they are known: nowhere if a region lies elsewhere."""
     assert scene.time is not None
+    points = mesh.p2_coordinates
     if (initial := scene.time.initial_state) is None:
         assert scene.start is not None
         x, y = points.T
@@ -72,10 +74,17 @@ def _expected(scene: Scene, points: Floats) -> tuple[Floats, Floats, Mask]:
             for what in ("displacement", "velocity")
         )  # fmt: skip
         return u, v, np.ones(len(points), dtype=np.bool_)
-    place = _place(initial.mesh, points, np.ones(len(initial.mesh.triangles), dtype=np.bool_))
-    basis, nodes = p2_basis(place.linear[:, 1:]), initial.mesh.p2[place.triangle]
-    u, v = (np.einsum("na,nai->ni", basis, field[nodes]) for field in (initial.state.u, initial.state.v))
-    return u, v, place.inside
+    u, v, found = np.zeros_like(points), np.zeros_like(points), np.zeros(len(points), dtype=np.bool_)
+    for region in np.unique(mesh.region):
+        nodes, chosen = np.unique(mesh.p2[mesh.region == region]), initial.mesh.region == region
+        place = _place(initial.mesh, points[nodes], chosen) if chosen.any() else None
+        if place is None or 2 * place.inside.sum() < len(nodes):
+            return u, v, np.zeros_like(found)
+        basis, there = p2_basis(place.linear[:, 1:]), initial.mesh.p2[place.triangle]
+        for values, field in ((u, initial.state.u), (v, initial.state.v)):
+            values[nodes[place.inside]] = np.einsum("na,nai->ni", basis, field[there])[place.inside]
+        found[nodes[place.inside]] = True
+    return u, v, found
 
 
 class _Place:

@@ -145,8 +145,15 @@ def test_a_state_of_another_domain_is_refused(steady, tmp_path):
         with_values(both, {"time.initial": str(steady.directory), "start.velocity_x": "1"})
 
 
-def test_a_cylinder_at_another_place_is_another_domain_of_the_same_area(solved, tmp_path):
-    time = {"step": K, "end": K, "initial": str(solved("cylinder-2d1", "mesh.level=0").directory)}
-    scene = load_scene("cylinder-2d1", ["mesh.level=0", "geometry.cylinder_x=1"])
+@pytest.mark.parametrize(
+    ("name", "key", "value"), [("cylinder-2d1", "cylinder_x", 0.21), ("flap-neo-hookean", "flap_left", 0.502)]
+)
+def test_a_part_at_another_place_is_another_domain_of_the_same_areas(name, key, value, solved, tmp_path, broken_script):
+    time = {"step": K, "end": K, "initial": str(solved(name, "mesh.level=0").directory)}
+    scene = with_values(load_scene(name, ["mesh.level=0", f"geometry.{key}={value}"]), {"time": time})
     with pytest.raises(FreeFEMError, match=r"time\.initial is the state of another domain"):
-        solve(with_values(scene, {"time": time}), tmp_path / "run")
+        solve(scene, tmp_path / "run")
+    if scene.solid:
+        broken_script("if (Elsewhere(Th, Ti) || Elsewhere(Ti, Th))", "if (0)")
+        found = solve(with_values(scene, {"geometry.flap_left": 1.2}), tmp_path / "run")
+        assert "start_difference: " in found.reason
