@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import logging
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -12,7 +11,7 @@ import numpy as np
 
 from ffsi.files import folder
 from ffsi.files.errors import InputError
-from ffsi.files.reading import LONGEST_TABLE, read_text
+from ffsi.files.reading import LONGEST_TABLE, frame_of, read_text
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -67,13 +66,11 @@ def seconds_of_run(history: pd.DataFrame) -> float:
 
 def read_rows(path: Path) -> pd.DataFrame:
     """Return the complete rows of a table; raises InputError if the file is missing, empty or damaged."""
-    import pandas as pd
-
     lines = lines_of(path)
     if not lines:
         raise InputError(f"{path} is missing or empty")
     try:
-        return pd.read_csv(io.StringIO("".join(lines)), skipinitialspace=True)
+        return frame_of("".join(lines))
     except ValueError as error:
         raise InputError(f"{path} is damaged: {error}") from error
 

@@ -70,13 +70,22 @@ def read_json(path: Path, *, finite: bool = True) -> Any:
 
 def read_frame(path: Path) -> pd.DataFrame:
     """Return the table in a CSV file with a head; raises as `read_text`, and InputError if it is no such table."""
-    import pandas as pd
-
     text = read_text(path, LONGEST_TABLE)
     try:
-        return pd.read_csv(io.StringIO(text), skipinitialspace=True)
+        return frame_of(text)
     except ValueError as error:
         raise InputError(f"{path} is damaged: {error}") from error
+
+
+def frame_of(text: str, comment: str | None = None) -> pd.DataFrame:
+    """Return the table in a CSV text with a head; raises ValueError if it is none, or a row is longer than its head."""
+    import pandas as pd
+
+    table = pd.read_csv(io.StringIO(text), skipinitialspace=True, comment=comment)
+    if not table.empty and not isinstance(table.index, pd.RangeIndex):  # pandas takes the first columns for an index
+        more = len(table.columns) + table.index.nlevels
+        raise ValueError(f"its rows have {more} cells, after decimal commas, say, under {len(table.columns)} columns")
+    return table
 
 
 def _no_number(word: str) -> float:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ffsi.files.reading import MEGABYTE, read_text
+from ffsi.files.reading import MEGABYTE, frame_of, read_text
 from ffsi.text import listed
 
 COLUMNS = ["t", "value"]
@@ -99,7 +98,7 @@ def read_samples(
     except OSError as error:
         raise ValueError(f"{path} cannot be read: {error.strerror}") from None
     try:
-        table = pd.read_csv(io.StringIO(text), skipinitialspace=True, comment="#")
+        table = frame_of(text, comment="#")
     except ValueError as error:
         raise ValueError(f"no table: {str(error).splitlines()[0]}") from None
     table.columns = table.columns.str.strip()

@@ -138,6 +138,7 @@ def test_files_of_waveforms_with_a_period_and_their_scenes(tmp_path):
     ("t,value\n0,1\n1,2\n2,inf\n3,1\n", "row 3 holds no two finite numbers"),
     ("t,value\n0,1\n1,2\n2,exit(1)\n3,1\n", "row 3 holds no two finite numbers"),
     ("t,value\n0,1\n1,2,3\n2,1\n3,1\n", "no table"), ("", "no table"),
+    ("t,value\n0,0,1\n0,1,2\n0,2,1\n0,3,1\n", "its rows have 3 cells, after decimal commas, say, under 2 columns"),
     ("t,value\n0,1\n1,2\n2,3\n3,4\n", "does not repeat the first one 1"), (None, "cannot be read: No such file"),
 ])  # fmt: skip
 def test_a_wrong_file_is_refused(tmp_path, text, words):
