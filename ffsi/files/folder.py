@@ -200,9 +200,14 @@ def is_held(directory: Path) -> bool:
 
 def write_text(path: Path, text: str) -> None:
     """Write `text` so that `path` holds either all of it or what it held before."""
+    write_bytes(path, text.encode("utf-8"))
+
+
+def write_bytes(path: Path, content: bytes) -> None:
+    """Write `content` as `write_text` does."""
     partial = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
-        partial.write_text(text, encoding="utf-8")
+        partial.write_bytes(content)
         partial.replace(path)
     except OSError as error:
         error.filename = str(path)  # a write that fails does not name its file

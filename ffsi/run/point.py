@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import logging
 import threading
 import time
@@ -176,7 +177,7 @@ class Point:
         for name in views.available(result.fields):
             png = attempt(notes, f"picture of the {name}", partial(painting.paint, name, result.fields, result.title))
             if png is not None:
-                self.file(f"{name}.png").write_bytes(png)
+                folder.write_bytes(self.file(f"{name}.png"), png)
 
     def animate(self, data: dict[str, Any], field: str) -> None:
         """Write the moving picture of a field, where two steps or more were saved; what cannot be done is noted."""
@@ -196,7 +197,16 @@ class Point:
         files = seals.seal_all(self.directory, names)
         if folder.HISTORY in files and self.followed:  # the script goes on writing there
             files[folder.HISTORY]["grows"] = True
-        return seals.write(self.file(folder.RESULT), data | {"files": files})
+        data = data | {"files": files}
+        try:
+            return seals.write(self.file(folder.RESULT), data)
+        except OSError as error:
+            if error.errno != errno.ENOSPC:
+                raise
+            for name in (*(f"{field}.png" for field in folder.PICTURES), "fields.vtu"):  # can be made again
+                self.file(name).unlink(missing_ok=True)
+            note = {"what": "pictures and VTU", "why": machine.words(error), "cause": "machine"}
+            return seals.write(self.file(folder.RESULT), {**data, "not_evaluated": [*data["not_evaluated"], note]})
 
     def _chainseconds(self, timings: Mapping[str, float]) -> float:
         """Return what this point took: the script's clock since the point before it, and the check."""

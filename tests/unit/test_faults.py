@@ -73,19 +73,33 @@ def test_a_machine_that_cannot_load_the_libraries_gets_a_message(kilobytes, word
 def test_what_cannot_be_written_during_a_run_is_no_bad_input(
     capsys, monkeypatch, freefem, check, number, words, command
 ):
-    real = Path.write_text
+    real = Path.write_bytes
 
-    def write_text(path, *arguments, **options):
+    def write_bytes(path, content):
         if path.name.startswith(".result"):
             raise OSError(number, os.strerror(number))
-        return real(path, *arguments, **options)
+        return real(path, content)
 
-    monkeypatch.setattr(Path, "write_text", write_text)
+    monkeypatch.setattr(Path, "write_bytes", write_bytes)
     more = ["--vary", "inflow.mean_velocity=0.01,0.02"] if command == "sweep" else []
     code, _, err = call(capsys, command, "flap-svk", *LEVEL, *more, "--out", "there")
     assert code == 4
     assert "result" in err and words in err and "what it has written there stays" in err
     assert not list(Path().rglob(".*.part"))
+
+
+def test_what_can_be_made_again_makes_room_for_the_result(capsys, monkeypatch, freefem, check):
+    real = Path.write_bytes
+
+    def write_bytes(path, content):
+        if path.name.startswith(".result") and Path("there/fields.vtu").exists():
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return real(path, content)
+
+    monkeypatch.setattr(Path, "write_bytes", write_bytes)
+    code, _, err = call(capsys, "run", "flap-svk", *LEVEL[:4], "--out", "there")
+    assert code == 4 and "not evaluated: pictures and VTU: " in err and "the disk is full" in err
+    assert Path("there/result.json").is_file() and not Path("there/fields.vtu").exists()
 
 
 def test_a_folder_that_vanishes_during_the_run_is_named(capsys, monkeypatch, freefem, check):

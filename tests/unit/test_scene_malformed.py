@@ -114,7 +114,7 @@ OVERRIDES = [
     ("flap-svk", "geometry.flap_height=0.4", ["geometry.flap_height = 0.4 m:", "less than height = 0.4 m"]),
     ("flap-svk", "geometry.flap_left=2.49", ["geometry.flap_width = 0.04 m:", "length - flap_left = 0.01 m"]),
     ("flap-svk", "geometry.flap_left=3", ["geometry.flap_left = 3 m:", "less than length = 2.5 m"]),
-    ("turek-fsi1", "geometry.beam.thickness=0.1", ["geometry.beam.thickness = 0.1 m:", "diameter = 0.1 m"]),
+    ("turek-fsi1", "geometry.beam.thickness=0.1", ["geometry.beam.thickness = 0.1 m:", "diameter = 0.098 m"]),
     ("turek-fsi1", "geometry.beam.length=3", ["geometry.beam.length = 3 m:", "= 2.25 m"]),
     ("turek-fsi1", "geometry.cylinder_y=0.4", ["geometry.cylinder_y = 0.4 m:", "less than", "= 0.36 m"]),
     ("turek-fsi1", "geometry.cylinder_y=0.05", ["geometry.cylinder_y = 0.05 m:", "greater than", "= 0.05 m"]),
