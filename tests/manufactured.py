@@ -102,6 +102,7 @@ class Exact:
     hyperelastic_mesh: bool = False
     gravity: tuple[float, float] = (0.0, 0.0)
     linear_elastic: bool = False
+    solid_density: float = SOLID_DENSITY
     lame_lambda: float = LAMBDA
     solid_viscosity: float = 0.0
     mass_damping: float = 0.0
@@ -178,7 +179,7 @@ class Exact:
 
     def solid_force(self, x, t):
         damped = self.mass_damping * self.solid_velocity(x, t) - self.gravity
-        inertia = SOLID_DENSITY * (rate(lambda s: self.solid_velocity(x, s), t) + damped)
+        inertia = self.solid_density * (rate(lambda s: self.solid_velocity(x, s), t) + damped)
         return inertia - divergence(lambda z: self.solid_stress(z, t), x)
 
 

@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ffsi.files.arrays import Floats
 from ffsi.reference import materials, viscosity
@@ -202,7 +203,13 @@ def _motion(scene: Scene, name: str | None) -> Callable[[Floats, float], Floats]
     wall = scene.walls[name]
     if wall.displacement_samples is not None:
         spline = _spline(wall.displacement_samples)
-        return lambda points, time: np.broadcast_to(spline(time, 1), points.shape)
+
+        def moving(points: Floats, time: float) -> Floats:
+            x, y, rate = spline(time, 1)
+            turning = 1j * rate * np.exp(1j * spline(time)[2]) * _arm(wall, points)
+            return np.column_stack([x + turning.real, y + turning.imag])
+
+        return moving
     if (path := _displacement(scene, name)) is not None and scene.time is not None:
         # Its rate by differences of fourth order: the formula's own derivative is the script's.
         h = _STENCIL * scene.time.step
@@ -212,10 +219,10 @@ def _motion(scene: Scene, name: str | None) -> Callable[[Floats, float], Floats]
             return (8.0 * near - far) / (12.0 * h)
 
         return rate
-    factor, centre = _wall_factor(scene, name), complex(wall.centre_x, wall.centre_y)
+    factor = _wall_factor(scene, name)
 
     def motion(points: Floats, time: float) -> Floats:
-        velocity = complex(wall.velocity_x, wall.velocity_y) + 1j * wall.rotation * (points @ [1.0, 1j] - centre)
+        velocity = complex(wall.velocity_x, wall.velocity_y) + 1j * wall.rotation * _arm(wall, points)
         return factor(time) * np.column_stack([velocity.real, velocity.imag])
 
     return motion
@@ -226,8 +233,14 @@ def _displacement(scene: Scene, name: str | None) -> Callable[[Floats, float], F
     if name is None or not scene.walls[name].displaced:
         return None
     if (samples := scene.walls[name].displacement_samples) is not None:
-        spline = _spline(samples)
-        return lambda points, time: np.broadcast_to(spline(time), points.shape)
+        wall, spline = scene.walls[name], _spline(samples)
+
+        def moved(points: Floats, time: float) -> Floats:
+            x, y, angle = spline(time)
+            turned = (np.exp(1j * angle) - 1.0) * _arm(wall, points)
+            return np.column_stack([x + turned.real, y + turned.imag])
+
+        return moved
     formulas = scene.walls[name].displacement
 
     def displacement(points: Floats, time: float) -> Floats:
@@ -237,10 +250,16 @@ def _displacement(scene: Scene, name: str | None) -> Callable[[Floats, float], F
 
 
 def _spline(samples: Motion) -> CubicSpline:
-    """Return how far a wall is, (2,) m, at a time in s: at rest at the first sample, without curvature at the last."""
+    """Return x, y (m) and angle of a wall at a time in s: at rest at the first sample, no curvature at the last."""
     from scipy.interpolate import CubicSpline  # half a second that runs without such a wall save
 
-    return CubicSpline(samples.at, np.column_stack([samples.x, samples.y]), bc_type=((1, [0.0] * 2), (2, [0.0] * 2)))
+    columns = np.column_stack([samples.x, samples.y, samples.angle or np.zeros(len(samples.at))])
+    return CubicSpline(samples.at, columns, bc_type=((1, [0.0] * 3), (2, [0.0] * 3)))
+
+
+def _arm(wall: Any, points: Floats) -> NDArray[np.complex128]:
+    """Points (n, 2) m from the centre of a wall, as complex numbers (n,)."""
+    return np.asarray(points @ [1.0, 1j] - complex(wall.centre_x, wall.centre_y), dtype=np.complex128)
 
 
 def _load(scene: Scene, name: str | None) -> Load | None:
@@ -302,6 +321,7 @@ def theta_of(scene: Scene) -> Callable[[float, int], float]:
     jumps = any(abs(_factor(scene, inflow)(0.0)) > _REST for inflow in flows)
     jumps |= any(abs(_wall_factor(scene, name)(0.0)) > _REST for name in scene.walls)
     jumps |= any(wall.displaced for wall in scene.walls.values())
+    jumps |= any(solid.density == 0 for solid in scene.solid.values())
     jumps |= scene.start is not None or time.initial is not None
     return lambda k, number: 1.0 if jumps and number <= _DAMPED_STEPS else weight(k)
 

@@ -121,6 +121,11 @@ class Expression:
         text = f"({float(value[0] - first)!r}) + {text}"
         return cls(text, tuple(variables), ast.parse(text, mode="eval").body)
 
+    def plus(self, text: str) -> Expression:
+        """Return the sum with a formula in the same variables, as text of ours, which is not restricted."""
+        text = f"{self.text} + {text}"
+        return Expression(text, self.variables, ast.parse(text, mode="eval").body)
+
     def evaluate(self, **values: ArrayLike) -> Values:
         """Return the formula's values for arrays (or numbers) of its variables.
 

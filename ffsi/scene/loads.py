@@ -1,6 +1,7 @@
 """Loads on boundaries of solids."""
 
-from collections.abc import Iterator, Mapping
+import math
+from collections.abc import Collection, Iterator, Mapping
 from typing import Self
 
 import numpy as np
@@ -8,9 +9,10 @@ from pydantic import Field, StrictBool, field_validator, model_validator
 
 from ffsi.scene.base import Table, refuse
 from ffsi.scene.boundaries import Boundary
-from ffsi.scene.errors import Problem, join, names, nearest, short
+from ffsi.scene.errors import Problem, join, names, nearest, number_text, short
 from ffsi.scene.expressions import Expression
 from ffsi.scene.geometry import GeometryBase, MeshGeometry
+from ffsi.scene.geometry.base import Corners
 from ffsi.scene.geometry.mesh import NAME, NAMES
 from ffsi.scene.samples import Samples, samples_of
 from ffsi.scene.time import Time
@@ -106,17 +108,34 @@ def load_problems(
 
 
 def point_force_problems(
-    forces: Mapping[str, PointForce], geometry: GeometryBase, time: Time | None
+    forces: Mapping[str, PointForce], geometry: GeometryBase, solids: Collection[str], time: Time | None
 ) -> Iterator[Problem]:
-    """Yield what is wrong with the point forces of a scene; keys are those of the scene."""
+    """Yield what is wrong with the point forces of a scene with these solids; keys are those of the scene."""
     for name, force in forces.items():
-        if not isinstance(geometry, MeshGeometry) or not geometry.solid_names:
-            yield Problem(f"point_forces.{name}", 'only accepted with geometry.kind = "mesh", in a solid')
+        own = isinstance(geometry, MeshGeometry)
+        if not (geometry.solid_names if own else geometry.bodies and solids):
+            yield Problem(f"point_forces.{name}", "only accepted in a solid, of this geometry in none")
             continue
         if not NAME.fullmatch(name):
             yield Problem(join("point_forces", name), NAMES)
-        yield from geometry.outside_solids(f"point_forces.{name}", force.x, force.y)
+        if isinstance(geometry, MeshGeometry):
+            yield from geometry.outside_solids(f"point_forces.{name}", force.x, force.y)
+        elif not any(_inside(corners, force.x, force.y) for corners in geometry.bodies):
+            reach = [point for corners in geometry.bodies for point in corners]
+            x, y = ([min(values), max(values)] for values in zip(*reach, strict=True))
+            text = (
+                f"must lie in a solid; the solids lie in x from {x[0]:g} to {x[1]:g} m, y from {y[0]:g} to {y[1]:g} m"
+            )
+            yield Problem(f"point_forces.{name}", text, f"({number_text(force.x)}, {number_text(force.y)}) m")
         yield from _driven_problems(force, f"point_forces.{name}", time)
+
+
+def _inside(corners: Corners, x: float, y: float) -> bool:
+    """Return whether a point lies in a polygon, rounding aside."""
+    ends = zip(corners, [*corners[1:], corners[0]], strict=True)
+    return all(
+        (b - a) * (y - c) - (d - c) * (x - a) >= -1e-9 * math.hypot(b - a, d - c) ** 2 for (a, c), (b, d) in ends
+    )
 
 
 def _driven_problems(load: Driven, key: str, time: Time | None) -> Iterator[Problem]:

@@ -10,7 +10,7 @@ from pydantic import ConfigDict, Field, ValidationInfo, field_validator, model_v
 from ffsi.scene.base import Table, refuse
 from ffsi.scene.errors import Problem, number_text, short
 from ffsi.scene.json_schema import absent, equals, every, given, one_of, when
-from ffsi.scene.units import Density, Modulus, NonNegativeModulus, Quantity, ShearRate, Stress, Viscosity
+from ffsi.scene.units import Modulus, NonNegativeDensity, NonNegativeModulus, Quantity, ShearRate, Stress, Viscosity
 
 ELASTIC_PAIRS: tuple[tuple[str, str], ...] = (
     ("lame_lambda", "lame_mu"),
@@ -35,7 +35,9 @@ class Elastic(Table, ABC):
     volume_constants: ClassVar[tuple[str, ...]] = ()
     """Names of the constants that an incompressible solid does not have."""
 
-    density: Density = Field(description="density in the reference configuration, kg/m^3")
+    density: NonNegativeDensity = Field(
+        description="density in the reference configuration, 0 of a solid without inertia, kg/m^3"
+    )
     viscosity: Viscosity | None = Field(
         None, description="Kelvin-Voigt viscosity eta of the further stress S = eta dE/dt, needs a table time, Pa s"
     )

@@ -174,7 +174,7 @@ class Scene(Table):
         outline = self.geometry.outline(self.physics)
         problems = [
             load_problems(self.loads, self.geometry, outline, self.time, self.support is not None),
-            point_force_problems(self.point_forces, self.geometry, self.time),
+            point_force_problems(self.point_forces, self.geometry, self.solid, self.time),
             self._physics_problems(),
             self._load_problems(),
             self._mesh_problems(),
@@ -296,6 +296,12 @@ class Scene(Table):
                         text = "only accepted in a scene with a table time (time.step and time.end)"
                         yield Problem(f"solid.{name}.{key}", text, short(getattr(solid, key)))
             return
+        for name, solid in self.solid.items():
+            if solid.density == 0 and self.time.scheme == "crank-nicolson":
+                text = (
+                    'not accepted with time.scheme = "crank-nicolson", which damps nothing where there is no inertia; '
+                )
+                yield Problem(f"solid.{name}.density", text + "accepted: above 0, or another scheme", "0")
         mixed = sum(solid.mixed for solid in self.solid.values())
         outlets = [self.only_outlet] if self.only_outlet else self.outlets.values()
         stores = any(outlet.law.stores for outlet in outlets)

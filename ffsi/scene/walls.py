@@ -54,6 +54,9 @@ class Motion(Table):
     at: tuple[Number, ...] = Field(description="numbers of s, from 0, increasing, dimensionless")
     x: tuple[Number, ...] = Field(description="numbers of m, the x components, 0 at first, dimensionless")
     y: tuple[Number, ...] = Field(description="numbers of m, the y components, 0 at first, dimensionless")
+    angle: tuple[Number, ...] | None = Field(
+        None, description="numbers of rad, the rotation about the centre, counter-clockwise, 0 at first, dimensionless"
+    )
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
@@ -61,12 +64,16 @@ class Motion(Table):
             refuse([Problem("at", f"accepted: {FEWEST} to {MOST} numbers", short(len(self.at)))])
         if (np.diff(self.at) <= 0).any() or self.at[0] != 0:
             refuse([Problem("at", "accepted: increasing numbers from 0 on", short(self.at[0]))])
-        for key in ("x", "y"):
-            values = getattr(self, key)
+        for key, values in self.columns.items():
             if len(values) != len(self.at) or values[0] != 0:
                 text = f"accepted: as many numbers as at, {len(self.at)}, the first 0"
                 refuse([Problem(key, text, short(values[0]) if values else None)])
         return self
+
+    @property
+    def columns(self) -> dict[str, tuple[float, ...]]:
+        """The samples by their names."""
+        return {"x": self.x, "y": self.y, **({} if self.angle is None else {"angle": self.angle})}
 
 
 class Wall(Table):
@@ -98,8 +105,8 @@ class Wall(Table):
 
     displacement_file: str | None = Field(
         None,
-        description="or a CSV file of a displacement without rotation, columns t (s), x and y (m), from 0 at t = 0 to "
-        "time.end, a cubic spline between; beside the scene's file",
+        description="or a CSV file of the displacement of a rigid body, columns t (s), x, y (m) and, if it turns about "
+        "the centre, angle (rad), from 0 at t = 0 to time.end, a cubic spline between; beside the scene's file",
     )
     displacement_samples: Motion | None = Field(None, description="the displacement of such a file")
 
@@ -115,11 +122,12 @@ class Wall(Table):
             refuse([Problem(given[1], f"{' and '.join(given)} are given; accepted: one of them")])
         if self.displacement_file is not None:
             try:
-                columns = read_samples(Path(self.displacement_file), ["t", "x", "y"], FEWEST)
+                columns = read_samples(Path(self.displacement_file), ["t", "x", "y"], FEWEST, "angle")
             except ValueError as error:
                 refuse([Problem("displacement_file", str(error), short(self.displacement_file))])
             try:
-                samples = Motion.model_validate(dict(zip(("at", "x", "y"), (c.tolist() for c in columns), strict=True)))
+                names_of = ("at", "x", "y", "angle")[: len(columns)]
+                samples = Motion.model_validate(dict(zip(names_of, (c.tolist() for c in columns), strict=True)))
             except SceneError as error:
                 refuse([replace(problem, key=f"displacement_samples.{problem.key}") for problem in error.problems])
             self.fill(displacement_file=None, displacement_samples=samples)
@@ -136,7 +144,12 @@ class Wall(Table):
         """The displacement (x, y) as formulas in x, y (m) and t (s), m; zero along an axis that has none."""
         if (samples := self.displacement_samples) is not None:
             x, y = (Expression.spline(samples.at, values, ("t", "x", "y")) for values in (samples.x, samples.y))
-            return x, y
+            if samples.angle is None:
+                return x, y
+            angle = Expression.spline(samples.at, samples.angle, TIME).text
+            along, up = f"(x - ({self.centre_x!r}))", f"(y - ({self.centre_y!r}))"
+            less, sine = f"(cos({angle}) - 1)", f"sin({angle})"
+            return x.plus(f"{less}*{along} - {sine}*{up}"), y.plus(f"{sine}*{along} + {less}*{up}")
         x, y = (Expression.parse(text or "0", PLACE) for text in (self.displacement_x, self.displacement_y))
         return x, y
 
@@ -230,14 +243,15 @@ def _displacement_problems(
         if not (np.isfinite(values[axis]).all() and np.isfinite(rates[axis]).all()):
             text = "it or its rate is not defined everywhere from t = 0 to time.end"
             yield Problem(f"walls.{name}.{key}", text, short(formula.text))
-        elif samples is not None:
-            given = np.array((samples.x, samples.y)[axis])
-            off = np.abs(formula.evaluate(t=np.array(samples.at), x=0.0, y=0.0) - given)
-            if off.max() > _OFF * np.abs(given).max():
-                text = f"too rough for their distances: a spline misses them by {off.max():.1g} m"
-                yield Problem(f"walls.{name}.displacement_samples.{'xy'[axis]}", f"{text}; accepted: a smooth motion")
-        elif first > _REST * np.ptp(points, axis=0).max():
+        elif samples is None and first > _REST * np.ptp(points, axis=0).max():
             yield Problem(f"walls.{name}.{key}", f"it is not 0 at t = 0 but {first:.3g} m", short(formula.text))
+    if samples is None:
+        return
+    for key, given in samples.columns.items():
+        off = np.abs(Expression.spline(samples.at, given, TIME).evaluate(t=np.array(samples.at)) - given)
+        if off.max() > _OFF * np.abs(given).max():
+            text = f"too rough for their distances: a spline misses them by {off.max():.1g}"
+            yield Problem(f"walls.{name}.displacement_samples.{key}", f"{text}; accepted: a smooth motion")
 
 
 def points_of(boundary: Boundary, geometry: GeometryBase) -> Floats | None:

@@ -84,9 +84,9 @@ def read_waveform(path: Path, harmonics: int, period: float | None = None) -> Fo
 
 
 def read_samples(
-    path: Path, columns: Sequence[str] = COLUMNS, fewest: int = FEWEST_ROWS
+    path: Path, columns: Sequence[str] = COLUMNS, fewest: int = FEWEST_ROWS, more: str = ""
 ) -> tuple[NDArray[np.float64], ...]:
-    """Return the columns of a CSV file, of which the first increases.
+    """Return the columns of a CSV file, of which the first increases; behind them it can have one ``more``.
 
     Raises:
         ValueError: in words: the file cannot be read, or is no such table.
@@ -102,8 +102,9 @@ def read_samples(
     except ValueError as error:
         raise ValueError(f"no table: {str(error).splitlines()[0]}") from None
     table.columns = table.columns.str.strip()
-    if list(table.columns) != list(columns):
-        raise ValueError(f"the columns are {listed(table.columns)}; accepted: {', '.join(columns)}")
+    if list(table.columns) not in ([*columns], [*columns, more]):
+        others = f", with or without {more}" if more else ""
+        raise ValueError(f"the columns are {listed(table.columns)}; accepted: {', '.join(columns)}{others}")
     if len(table) < fewest:
         raise ValueError(f"{len(table)} rows; at least {fewest} are needed")
     numbers = table.apply(pd.to_numeric, errors="coerce").to_numpy(dtype=np.float64)

@@ -16,6 +16,7 @@ from ffsi.scene.units import Quantity
 
 _POWERS = {"m": (1, 0, 0), "kg": (0, 1, 0), "s": (0, 0, 1), "Pa": (-1, 1, -2), "N": (1, 1, -2), "1": (0, 0, 0)}
 _POWER_LAW = "Pa s^m"
+_STEPS = 100  # in the unit of time of solids without inertia
 _FASTEST = "1e4"  # the Reynolds number of what gravity or a pressure may drive, as a unit
 OF_CONSISTENCY = "UnitOfConsistency()"
 
@@ -90,6 +91,9 @@ def units_of(scene: Scene, parameters: Sequence[Parameter]) -> dict[str, Any]:
             for constant in solid.volume_constants
         }
         keys = [p for p in parameters if p.key.startswith("solid.") and p.limits.unit == "Pa" and p.key not in volumes]
+        heavy = [p.variable for p in parameters if p.key.startswith("solid.") and p.key.endswith(".density")]
+        slow = f"unitOfStiffness*({_STEPS}*timeStep/unitLength)^2" if scene.time else "unitOfStiffness"
+        found["unit_of_density"] = heavy[0] if heavy else slow
         return found | {"unit_of_stiffness": _largest([p.variable for p in keys])}
     assert isinstance(geometry, ChannelGeometry)
     height = geometry.reference_length if geometry.kind == "mesh" else geometry.inlet.height

@@ -12,7 +12,7 @@ from contextlib import suppress
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
+from typing import Any, cast, get_args
 
 from jinja2 import Environment, FileSystemBytecodeCache, FileSystemLoader, StrictUndefined
 from jinja2.bccache import Bucket
@@ -24,7 +24,7 @@ from ffsi.scene.geometry import Aneurysm, ChannelGeometry
 from ffsi.scene.geometry.mesh import STORED
 from ffsi.scene.materials import CompressibleElastic, Elastic, InPlane, Solid
 from ffsi.scene.outlet import Outlet
-from ffsi.scene.units import Quantity
+from ffsi.scene.units import Density, Quantity
 from ffsi.scene.validation import of_field
 from ffsi.script import flux_tables
 from ffsi.script.formula import with_formulas
@@ -60,6 +60,8 @@ def parameters(scene: Scene) -> list[Parameter]:
 def limits(scene: Scene, key: str) -> Quantity:
     """Return what the scene's model says about the values of a number."""
     *path, last = key.split(".")
+    if path[0] == "solid" and last == "density":
+        return cast(Quantity, get_args(Density)[1])  # 0 is another script
     table: Any = scene
     for name in path:
         table = table[name] if isinstance(table, dict) else getattr(table, name)
@@ -322,6 +324,7 @@ def _structure(scene: Scene, *, parts: bool, varying: bool) -> list[str]:
         "hasKinematics": flux_tables.kinematic(scene),
         "hasSolidViscosity": any(law.viscosity for law in scene.solid.values()),
         "hasMassDamping": any(law.mass_damping for law in scene.solid.values()),
+        "hasMasslessSolid": time and any(law.density == 0 for law in scene.solid.values()),
         "hasMixedSolid": any(law.mixed for law in scene.solid.values()),
         "hasMotionFlux": motion and not motion.law.linear,
         "hasLinearMotion": motion and motion.law.linear,
@@ -469,7 +472,7 @@ def _solid(name: str, law: Solid, region: int) -> dict[str, Any]:
         "material": law.material,
         "law": title,
         "limit": f"{title[0].lower()}{title[1:]}LimitJ",
-        "density": f"{prefix}Density",
+        "density": f"{prefix}Density" if law.density else "0.",
         "viscosity": f"{prefix}Viscosity" if law.viscosity else "0.",
         "mass_damping": f"{prefix}MassDamping" if law.mass_damping else "0.",
         "constants": list(constants.values()),

@@ -57,7 +57,9 @@ def moving_walls(scene: Scene, outline: list[Boundary]) -> dict[str, Any]:
 
 
 def is_fixed(key: str, value: float) -> bool:
-    """Return whether a number is none that a script can vary: another one would let a wall move through itself."""
+    """Return whether a number is none that a script can vary: a wall would go through itself, a solid gain inertia."""
+    if key.startswith("solid."):
+        return key.endswith(".density") and value == 0
     if key.startswith("point_forces."):
         return key.endswith((".x", ".y"))
     return key.startswith("walls.") and (value == 0 or key.endswith((".centre_x", ".centre_y")))

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from conftest import scene_of
 from own_mesh import scene_on, write_mesh
 from structured import structured_mesh
 
@@ -148,19 +149,12 @@ def forced(folder, forces: dict, **tables) -> Scene:
     return Scene.model_validate({**table, **tables})
 
 
-def test_forces_at_all_nodes_of_a_side_are_a_traction(tmp_path):
-    """With the weights of Simpson's rule."""
-    pulled = solve(block(tmp_path, time=False, traction_x=0.4, traction_y=-0.1), tmp_path / "traction")
-    weights = np.array([1, 4, 2, 4, 2, 4, 2, 4, 1]) / 24
-    forces = {
-        f"n{i}": {"x": 1.0, "y": y, "force_x": 0.4 * w, "force_y": -0.1 * w}
-        for i, (y, w) in enumerate(zip(np.linspace(0, 1, 9).tolist(), weights.tolist(), strict=True))
-    }
-    result = solve(forced(tmp_path, forces), tmp_path / "forces")
-    assert pulled.checked and result.checked, result.reason
-    size = np.abs(displacement(pulled)).max()
-    np.testing.assert_allclose(displacement(result), displacement(pulled), rtol=0, atol=1e-8 * size)
-    assert size > 1e-3 and load_scene(tmp_path / "forces/scene.toml") == result.scene
+def test_a_force_beside_an_edge_of_a_built_in_geometry_is_checked(solved):
+    """FreeFEM finds a neighbour of the triangle that has the point (1, 0.41)."""
+    push = "point_forces.push={x=1.0, y=0.41, force_y=-1e-3}"
+    assert solved("flap-neo-hookean-roof", "inflow.mean_velocity=0.02", push).checked
+    with pytest.raises(SceneError, match=r"must lie in a solid; the solids lie in x from 0\.25 to 0\.6 m, y"):
+        scene_of("turek-fsi1", push)
 
 
 OUTSIDE = [

@@ -315,6 +315,10 @@ REFUSED_MOTION = [
     ({"displacement_x": "z*t"}, 'unknown name "z"; accepted: "x", "y", "t"'),
     ("t,x\n0,0\n1,1\n", r"displacement_file.*the columns are t, x; accepted: t, x, y"),
     ("t,x,y\n0,0,0\n0.5,1,1\n", r"displacement_samples\.at: ends at t = 0\.5 s; accepted: at time\.end or later"),
+    (
+        "t,x,y,angle\n0,0,0,1\n1,0,0,1\n",
+        r"displacement_samples\.angle = 1: accepted: as many numbers as at, 2, the first 0",
+    ),
     ("t,x,y\n0,0,0.1\n1,1,1\n", r"displacement_samples\.y = 0\.1: accepted: as many numbers as at, 2, the first 0"),
     ("t,x,y\n0.1,0,0\n1,1,1\n", r"displacement_samples\.at = 0\.1: accepted: increasing numbers from 0 on"),
     ("t,x,y\n0,0,0\n0.3,0,0.1\n0.300001,0,0.2\n0.5,0,0.1\n1,0,0\n", r"samples\.y: too rough for their distances"),
@@ -337,6 +341,22 @@ def test_a_piston_moves_as_a_file_says(tmp_path):
     flow = result.history["flow_through_out"] - result.history["flow_through_open"]
     np.testing.assert_allclose(flow, spline(result.history["time"], 1), rtol=0, atol=1e-9)
     assert load_scene(tmp_path / "run/scene.toml") == scene
+
+
+def test_a_cylinder_pitches_as_a_file_says(tmp_path):
+    at = np.linspace(0, 0.1, 6)
+    rows = [f"{t},{0.1 * t**2},{-(t**2)},{30 * t**2}" for t in at.tolist()]
+    (tmp_path / "pitch.csv").write_text("\n".join(["t,x,y,angle", *rows]))
+    wall = [f'walls.cylinder.displacement_file="{tmp_path}/pitch.csv"', "walls.cylinder.centre_x=0.15"]
+    scene = scene_of("cylinder-2d1", *wall, "walls.cylinder.centre_y=0.2", "time.step=0.02", "time.end=0.1")
+    result = solve(scene, tmp_path / "run")
+    assert result.checked, result.reason
+    assert load_scene(tmp_path / "run/scene.toml") == scene
+    mesh, state = state_of(result)
+    rim = np.unique(mesh.edge_nodes[mesh.label == 4])
+    ray, after = mesh.p2_coordinates[rim] @ [1, 1j] - 0.2 - 0.2j, (mesh.p2_coordinates + state.u)[rim] @ [1, 1j]
+    before = 0.05 + 0.05 * ray / np.abs(ray)  # on the circle, from the centre of the rotation
+    np.testing.assert_allclose(after, 0.151 + 0.19j + np.exp(0.3j) * before, rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize(("motion", "text"), REFUSED_MOTION)

@@ -137,6 +137,7 @@ def loaded(swing: Swing = SWINGING, field: Callable = manufactured.parabolas, **
 
 IN_PLANE = {"lame_lambda": 2 * LAMBDA * MU / (LAMBDA + 2 * MU)}
 EXACT["linear"], EXACT["plane stress"] = loaded(linear_elastic=True), loaded(**IN_PLANE)
+EXACT["massless"] = loaded(solid_density=0.0)
 WAVES["plane stress"] = loaded(AT_REST, lambda x: 0.5 * manufactured.waves(2 * x), **IN_PLANE)
 
 # A fluid that a solid squeezes against a wall without friction, between an inlet with a pressure and two outlets.
@@ -268,7 +269,8 @@ def meshes(kind: str) -> Callable[[int], RawMesh]:
 
 # Labels that the scenes give to boundaries, where they are others.
 OPENINGS = {WALL: 18, INLET: 1000, OUTLET: 1100, UPPER: 1101}
-LABELS = {"openings": OPENINGS, "turned": OPENINGS | {WALL: 19}, "linear": {OPEN: 20}, "plane stress": {OPEN: 20}}
+LABELS = {kind: {OPEN: 20} for kind in ("linear", "plane stress", "massless")}
+LABELS |= {"openings": OPENINGS, "turned": OPENINGS | {WALL: 19}}
 LABELS |= {"tilting": {WALL: 30, INLET: 40}, "spinning": {INLET: 30, WALL: 31}}
 NAMES = {"in": INLET, "low": OUTLET, "up": UPPER, "top": WALL, "wet": INTERFACE, "ends": CLAMPED, "open": OPEN}
 SQUARE = {"material": "neo-hookean", "density": SOLID_DENSITY, "lame_mu": MU}
@@ -278,6 +280,7 @@ SOLIDS = {
     "incompressible": {**SQUARE, "formulation": "incompressible"},
     "linear": {**ELASTIC, "material": "linear-elastic", **DAMPED},
     "plane stress": {**ELASTIC, "plane": "stress", **DAMPED},
+    "massless": {**ELASTIC, **DAMPED, "density": 0},
 }  # fmt: skip
 CARREAU = {"law": "carreau", "viscosity_zero": 0.3, "viscosity_infinity": 0.04}
 CARREAU |= {"time_constant_squared": 9.0, "exponent": -0.35}

@@ -111,7 +111,7 @@ def test_factors_and_a_mesh_of_a_file_in_other_units(tmp_path: Path) -> None:
 
 
 CHOSEN = {"unit_of_length": "m", "unit_of_size": "m", "viscosity": "Pa s", "viscous": "Pa", "drives": "Pa"}
-CHOSEN |= {"unit_of_rest": "m/s", "unit_of_stiffness": "Pa"}
+CHOSEN |= {"unit_of_rest": "m/s", "unit_of_stiffness": "Pa", "unit_of_density": "kg/m^3"}
 
 
 def chosen(scene: Scene) -> dict[str, float]:

@@ -14,6 +14,8 @@ from ffsi.scene.errors import Problem, number_text, short
 from ffsi.scene.units import Length
 
 Physics = Literal["fluid", "solid", "fsi"]
+Corners = list[tuple[float, float]]
+"""Of a polygon, counter-clockwise."""
 
 
 class GeometryBase(Table, ABC):
@@ -57,6 +59,11 @@ class GeometryBase(Table, ABC):
     def probe_points(self) -> dict[str, tuple[float, float]]:
         """Further reference points (x, y) in m by name, where NAME_ux and NAME_uy are taken."""
         return {}
+
+    @property
+    def bodies(self) -> list[Corners]:
+        """Convex polygons that the solids consist of, m; none where a solid has another shape."""
+        return []
 
     @property
     @abstractmethod
@@ -144,6 +151,11 @@ class StraightChannel(ChannelGeometry):
     def ends(self) -> list[Boundary]:
         """Inlet and outlet."""
         return [Boundary("inlet", INLET, "inlet", self.height), Boundary("outlet", OUTLET, "outlet", self.height)]
+
+
+def rectangle(left: float, right: float, low: float, high: float) -> Corners:
+    """Return the corners of a rectangle."""
+    return [(left, low), (right, low), (right, high), (left, high)]
 
 
 def surface_role(physics: Physics) -> Role:

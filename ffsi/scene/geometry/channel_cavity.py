@@ -9,7 +9,7 @@ from pydantic import Field
 
 from ffsi.scene.boundaries import CLAMPED, LEFT_LIP, OUTER, RIGHT_LIP, SURFACE, WALLS, Boundary
 from ffsi.scene.errors import Problem
-from ffsi.scene.geometry.base import Physics, StraightChannel, surface_role
+from ffsi.scene.geometry.base import Corners, Physics, StraightChannel, rectangle, surface_role
 from ffsi.scene.units import Length
 
 
@@ -44,6 +44,12 @@ class ChannelCavity(StraightChannel):
     def tip_point(self) -> tuple[float, float]:
         """Middle of the floor's wet face, m."""
         return (self.cavity_left + self.cavity_width / 2, -self.cavity_depth)
+
+    @property
+    def bodies(self) -> list[Corners]:
+        """The floor, m."""
+        left, top = self.cavity_left, -self.cavity_depth
+        return [rectangle(left, left + self.cavity_width, top - self.floor_thickness, top)]
 
     @property
     def areas(self) -> dict[str, float]:

@@ -9,7 +9,7 @@ from pydantic import Field
 from ffsi.scene.base import Table
 from ffsi.scene.boundaries import CLAMPED, CYLINDER, SURFACE, WALLS, Boundary
 from ffsi.scene.errors import Problem
-from ffsi.scene.geometry.base import Physics, StraightChannel, surface_role
+from ffsi.scene.geometry.base import Corners, Physics, StraightChannel, rectangle, surface_role
 from ffsi.scene.units import Coordinate, Length
 
 
@@ -81,6 +81,14 @@ class ChannelCylinder(StraightChannel):
             return 0.0
         side: float = self.cylinder_radius * (1 - np.cos(self.root_half_angle)) + self.beam.length
         return side
+
+    @property
+    def bodies(self) -> list[Corners]:
+        """The beam from the cylinder's rearmost point on, m."""
+        if self.beam is None:
+            return []
+        rear, half = self.cylinder_x + self.cylinder_radius, self.beam.thickness / 2
+        return [rectangle(rear, rear + self.beam.length, self.cylinder_y - half, self.cylinder_y + half)]
 
     @property
     def areas(self) -> dict[str, float]:

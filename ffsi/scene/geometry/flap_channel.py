@@ -8,7 +8,7 @@ from pydantic import Field
 from ffsi.scene.base import Table
 from ffsi.scene.boundaries import CLAMPED, OUTER, ROOF, ROOF_ENDS, SURFACE, WALLS, Boundary
 from ffsi.scene.errors import Problem, names
-from ffsi.scene.geometry.base import Physics, StraightChannel, surface_role
+from ffsi.scene.geometry.base import Corners, Physics, StraightChannel, rectangle, surface_role
 from ffsi.scene.units import Length
 
 
@@ -66,6 +66,13 @@ class FlapChannel(StraightChannel):
     def probe_points(self) -> dict[str, tuple[float, float]]:
         """Middle of the elastic roof's wet side, m."""
         return {} if self.roof is None else {"roof": (self.length / 2, self.height)}
+
+    @property
+    def bodies(self) -> list[Corners]:
+        """Flap and elastic roof, m."""
+        flap = rectangle(self.flap_left, self.flap_left + self.flap_width, 0.0, self.flap_height)
+        roof = self.roof and rectangle(0.0, self.length, self.height, self.height + self.roof.thickness)
+        return [flap, roof] if roof else [flap]
 
     @property
     def reference_length(self) -> float:

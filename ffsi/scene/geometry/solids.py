@@ -6,7 +6,7 @@ import numpy as np
 from pydantic import Field
 
 from ffsi.scene.boundaries import CLAMPED, LOADED, OUTER, Boundary
-from ffsi.scene.geometry.base import GeometryBase, Physics
+from ffsi.scene.geometry.base import Corners, GeometryBase, Physics, rectangle
 from ffsi.scene.units import Coordinate, Length
 
 
@@ -34,6 +34,11 @@ class Cantilever(GeometryBase):
     def areas(self) -> dict[str, float]:
         """Area in m^2 of "beam"."""
         return {"beam": self.length * self.thickness}
+
+    @property
+    def bodies(self) -> list[Corners]:
+        """The beam, m."""
+        return [rectangle(0.0, self.length, 0.0, self.thickness)]
 
     def outline(self, physics: Physics) -> list[Boundary]:
         """Return the clamped end, the loaded end and the two free sides."""
@@ -69,6 +74,12 @@ class CookMembrane(GeometryBase):
     def areas(self) -> dict[str, float]:
         """Area in m^2 of "membrane"."""
         return {"membrane": self.width * (self.left_height + self.right_height) / 2}
+
+    @property
+    def bodies(self) -> list[Corners]:
+        """The panel, m."""
+        right = [(self.width, self.rise), (self.width, self.rise + self.right_height)]
+        return [[(0.0, 0.0), *right, (0.0, self.left_height)]]
 
     def outline(self, physics: Physics) -> list[Boundary]:
         """Return the clamped, the loaded and the two free sides."""
