@@ -14,6 +14,7 @@ from ffsi.reference.materials import IDENTITY, Array, determinant
 from ffsi.reference.problem import MeshMotion
 from ffsi.reference.relative import largest, norm, relative
 from ffsi.reference.sizes import (
+    EVEN,
     ROUNDING,
     flux_sizes,
     idle,
@@ -217,7 +218,8 @@ def _continuity(system: System, fluid: FluidPart, flow: terms.Flow, state: RawSt
     assembled = _scattered(local, elements.vertices, nv)
     if (exact := system.problem.manufactured) is not None and exact.mass is not None:
         assembled["source"] = exact.mass(system)
-    speed = ROUNDING * largest_on(state.v, elements) + rest
+    states = [state] if system.increment is None else [state, system.increment.old]
+    speed = EVEN * np.sum([largest_on(each.v, elements) for each in states], axis=0) + rest
     return Equation(assembled, system.rows.continuity, flux_sizes(speed, elements, nv))
 
 
@@ -228,7 +230,7 @@ def _mesh_motion(system: System, fluid: FluidPart, motion: MeshMotion, state: Ra
     if (exact := system.problem.manufactured) is not None and exact.motion is not None:
         assembled["source"] = exact.motion(system)
     stiffness = (2.0 + motion.divergence_weight) * fluid.alpha
-    magnitude = ROUNDING * spread(stiffness * largest_on(state.u, elements), elements, n2)
+    magnitude = EVEN * spread(stiffness * largest_on(state.u, elements), elements, n2)
     assembled = {name: along(term, system.rows.u_normal) for name, term in assembled.items()}
     return Equation(assembled, system.rows.mesh_motion, magnitude)
 

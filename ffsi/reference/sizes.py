@@ -14,6 +14,9 @@ from ffsi.reference.system import FluidPart, SolidPart, System
 # Below this part of the contributions that cancel in it, a scale is rounding: times the tolerance, 1e-8, some rounding
 # errors.
 ROUNDING = 1e-7
+# The same of rows whose terms all vanish in an even field, a plug flow or a mesh that is stretched: times the tolerance
+# what the steps of a run are solved to, some 1e-13 of the velocity and 1e-12 of the mesh's displacement.
+EVEN = 1e-4
 # A solver balances pressures and loads to more digits than the tolerance asks for. What this part of them would drive
 # alone is no motion of a fluid into which nothing comes.
 _UNBALANCED = 1e-4

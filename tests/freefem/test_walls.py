@@ -268,10 +268,11 @@ def linear(time):
 
 @pytest.mark.parametrize("kind", ["linear-elastic", "hyperelastic"])
 def test_a_piston_drives_a_plug(kind, tmp_path):
-    result = solve(cylinder(tmp_path, mesh_motion={"kind": kind}), tmp_path / "run")
+    time = {"step": 0.05, "end": 1.55}  # it nearly rests then, and what is left of its speed is checked
+    result = solve(cylinder(tmp_path, mesh_motion={"kind": kind}, time=time), tmp_path / "run")
     assert result.checked
     mesh, state = state_of(result)
-    (place, speed), (before, old_speed) = linear(0.6), linear(0.55)
+    (place, speed), (before, old_speed) = linear(1.55), linear(1.5)
     np.testing.assert_allclose(state.v, np.broadcast_to([speed, 0.0], state.v.shape), rtol=0, atol=1e-9)
     x = mesh.p2_coordinates[:, 0]
     np.testing.assert_allclose(state.u, np.column_stack([place * (1 - x / 2), 0 * x]), rtol=0, atol=1e-9)
