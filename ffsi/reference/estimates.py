@@ -21,6 +21,8 @@ from ffsi.scene import Scene
 _STEP = 1e-3
 # Estimates below this part of their quantity are measured on it: they are differences of it.
 _SMALL = 1e-6
+# Likewise of what is nothing but rounding, as a displacement that is 0 by symmetry.
+_OF_NOTHING = 1e-2
 # Vertices and middles of the four triangles, numbered as the P2 nodes of the whole one.
 _CUT = np.array([(0, 5, 4), (5, 1, 3), (4, 3, 2), (3, 4, 5)])
 
@@ -35,7 +37,8 @@ def estimates(scene: Scene, mesh: RawMesh, state: RawState) -> dict[str, Quantit
     ahead, behind = (values_of(system, moved(start, correction, place)) for place in (_STEP, -_STEP))
     slopes = {name: (ahead[name].value - behind[name].value) / (2 * _STEP) for name in before}
     found = {name: there[name].value + slopes[name] - known.value for name, known in before.items()}
-    return {name: Quantity(error, max(abs(error), _SMALL * before[name].scale)) for name, error in found.items()}
+    parts = {name: _SMALL if abs(known.value) >= known.scale else _OF_NOTHING for name, known in before.items()}
+    return {name: Quantity(error, max(abs(error), parts[name] * before[name].scale)) for name, error in found.items()}
 
 
 def refined(mesh: RawMesh) -> RawMesh:

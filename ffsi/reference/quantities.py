@@ -21,10 +21,11 @@ from ffsi.reference.system import System, place_in_solids
 
 # Part of its size below which a quantity is rounding: times the tolerance, 1e-8, some rounding errors.
 _ROUNDING = 1e-7
-# Likewise of a force, the sum over many triangles.
+# Likewise of a force or a mean pressure, sums over many triangles or edges.
 _OF_SUMS = 1e-6
-# Likewise of values inside a triangle: the place of a point in it has the rounding of its coordinates.
-_IN_A_TRIANGLE = 1e-6
+# Likewise of a displacement inside a triangle, which may be 0 by symmetry: its place in it has the rounding of
+# coordinates as large as the domain, hundreds of triangles.
+_IN_A_TRIANGLE = 1e-5
 # Two determinants whose difference is below this part of |F|^2 are equal: either is the smallest.
 _TIE = 1e-12
 # The ends of a diameter are vertices of the circle up to this part of its radius.
@@ -106,7 +107,7 @@ def _pressures(system: System, state: RawState) -> dict[str, Quantity]:
     inlet, outlet = system.problem.labels("inlet"), system.problem.labels("outlet")
     if inlet and outlet:
         drop = _mean_pressure(system, state, inlet) - _mean_pressure(system, state, outlet)
-        found["pressure_drop"] = Quantity.of(drop, size)
+        found["pressure_drop"] = Quantity.of(drop, size, _OF_SUMS)
     for boundary in system.problem.boundaries:
         if boundary.opening is not None:
             sides = system.fluid.sides.select(system.fluid.sides.label == boundary.label)
@@ -120,7 +121,7 @@ def _pressures(system: System, state: RawState) -> dict[str, Quantity]:
                 before = sign * float(terms.outlet_flow(sides.normal, increment.old.v[sides.nodes]))
                 new = float(own.reservoir_after(increment.step, flow, before, old))
                 found[f"windkessel_{name}"] = Quantity.of(new, max(abs(old), abs(new)), _DIFFERENCE)
-            found[f"pressure_at_{name}"] = Quantity.of(_mean_pressure(system, state, [boundary.label]), size)
+            found[f"pressure_at_{name}"] = Quantity.of(_mean_pressure(system, state, [boundary.label]), size, _OF_SUMS)
         if boundary.name == "cylinder" and boundary.circle is not None:
             x, y, radius = boundary.circle
             wet = np.unique(system.mesh.edges[system.mesh.label == boundary.label])
