@@ -206,7 +206,7 @@ def sensitivities(
     from ffsi.scene import load_scene
 
     scene = load_scene(case, settings)
-    names, keys = ([name for name in text.split(",") if name] for text in (of, to))
+    names, keys = (list(dict.fromkeys(filter(None, text.split(",")))) for text in (of, to))
     refuse_unknown(scene, names, keys)
     if scene.time is not None:
         with show.progress(scene.name, 2 * len(keys)) as on_event:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numbers
 import os
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Literal
 
@@ -25,3 +26,14 @@ def count_of(value: object, what: str) -> int:
     if isinstance(value, numbers.Integral) and not isinstance(value, bool) and int(value) >= 1:
         return int(value)
     raise InputError(f"{what} = {value!r}: accepted: a whole number from 1 on")
+
+
+def texts_of(value: object, what: str) -> list[str]:
+    """Return the texts that an argument is, one alone or several, each once; raises InputError for anything else."""
+    if isinstance(value, str):
+        return [value]
+    if isinstance(value, Iterable) and not isinstance(value, Mapping):
+        found = [*value]
+        if all(isinstance(text, str) for text in found):
+            return list(dict.fromkeys(found))
+    raise InputError(f"{what} = {value!r}: accepted: a name, or a list of names")

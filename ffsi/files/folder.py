@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ffsi.files import reading
+from ffsi.files import machine, reading
 from ffsi.files.errors import InputError as InputError
 from ffsi.text import cut, listed, nearest
 
@@ -145,8 +145,18 @@ def check_writable(directory: Path) -> None:
 def prepare(directory: Path) -> None:
     """Create `directory`, or empty it of an earlier run's files (other files stay); raises as `check_usable`."""
     check_usable(directory)
-    directory.mkdir(parents=True, exist_ok=True)
+    make(directory)
     clear(directory)
+
+
+def make(directory: Path) -> None:
+    """Make a folder if need be; raises InputError where the system makes none, as in /proc."""
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        if machine.ended(error):
+            raise
+        raise InputError(f"{directory} cannot be made: {error.strerror}") from error
 
 
 def clear(directory: Path, keep: Sequence[str] = ()) -> None:
@@ -173,7 +183,7 @@ def held(directory: Path, check: Callable[[Path], None] = check_usable) -> Itera
     be used, before anything is made. Raises InputError as it does, or if another one is at work there.
     """
     check(directory)
-    directory.mkdir(parents=True, exist_ok=True)
+    make(directory)
     handle = os.open(directory, os.O_RDONLY)
     try:
         try:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ffsi.files.arguments import count_of
+from ffsi.files.arguments import count_of, texts_of
 from ffsi.files.errors import InputError
 from ffsi.scene import Scene, boundaries, with_values
 from ffsi.script.quantities import reported
@@ -28,7 +28,7 @@ def asked_of(
     Raises:
         InputError: an argument is not accepted, or no mesh of the scene can be made for a quantity.
     """
-    names = list(dict.fromkeys([adapt] if isinstance(adapt, str) else adapt))
+    names = texts_of(adapt, "adapt")
     if not names:
         if tolerance is not None or unknowns is not None:
             raise InputError("tolerance and unknowns belong to adapt, the quantities that the mesh is made for")
@@ -41,7 +41,7 @@ def asked_of(
     accepted = goals(scene)
     for name in names:
         if name not in accepted:
-            guess = nearest(str(name), accepted)
+            guess = nearest(name, accepted)
             more = f'; did you mean "{guess}"?' if guess else ""
             raise InputError(
                 f"adapt: {name!r} is no quantity that a mesh of this scene can be made for{more}; "

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import numbers
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import pandas as pd
@@ -21,7 +22,7 @@ TABLE = "levels.csv"
 
 def levels(
     scene: Scene | str | Path,
-    levels: Sequence[int],
+    levels: Iterable[int],
     out: str | Path,
     *,
     jobs: int | None = None,
@@ -43,13 +44,14 @@ def levels(
         InputError: fewer than three levels, or not from coarse to fine; and as `sweep`.
     """
     accepted = "accepted: at least three levels from coarse to fine, such as 0,1,2"
-    if len(levels) < 3 or list(levels) != sorted(set(levels)):
-        raise InputError(f"levels = {','.join(map(str, levels))}: {accepted}")
+    given = [*levels] if isinstance(levels, Iterable) and not isinstance(levels, str | Mapping) else []
+    if len(given) < 3 or not all(isinstance(each, numbers.Real) for each in given) or given != sorted(set(given)):
+        raise InputError(f"levels = {','.join(map(str, given)) or repr(levels)}: {accepted}")
     directory = path_of(out, "out")
-    sweep(scene, {"mesh.level": list(levels)}, directory, jobs=jobs, check=check, on_event=on_event)
+    sweep(scene, {"mesh.level": given}, directory, jobs=jobs, check=check, on_event=on_event)
     found = refinement.of_results(load_results(directory))
-    known = found[2] if found is not None and len(found[0]) == len(levels) else {}
-    heads = [f"level {level}" for level in levels]
+    known = found[2] if found is not None and len(found[0]) == len(given) else {}
+    heads = [f"level {level}" for level in given]
     rows = {name: [*item.values, item.order, item.limit, item.bar] for name, item in known.items()}
     table = pd.DataFrame.from_dict(
         rows, orient="index", columns=[*heads, "order", "extrapolated", "error"], dtype=float

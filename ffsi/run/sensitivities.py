@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ffsi.files.arguments import path_of
+from ffsi.files.arguments import path_of, texts_of
 from ffsi.files.errors import InputError
 from ffsi.freefem.events import OnEvent
 from ffsi.hemodynamics.result import Result
@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 
 def sensitivities(
     scene: Scene | str | Path | Result,
-    of: Sequence[str] = (),
-    to: Sequence[str] = (),
+    of: Iterable[str] = (),
+    to: Iterable[str] = (),
     out: str | Path | None = None,
     *,
     logarithmic: bool = False,
@@ -55,6 +55,7 @@ def sensitivities(
     """
     import pandas as pd
 
+    of, to = texts_of(of, "of"), texts_of(to, "to")
     if isinstance(scene, Result) and "sensitivities" in scene.data:
         result = scene
     else:
@@ -87,7 +88,7 @@ def differences(
     """
     from ffsi.run.sweep import sweep
 
-    keys, values = _listed(to), scene.parameters()
+    keys, values = list(to), scene.parameters()
     if not keys:
         raise InputError("sensitivities in time: every number costs two runs; name those that are wanted (to, --to)")
     if zero := [key for key in keys if not values[key]]:
@@ -115,7 +116,7 @@ def refuse_unknown(scene: Scene, of: Sequence[str], to: Sequence[str]) -> None:
     if scene.time is not None:
         accepted = [f"{name}{ending}" for name in _of_history(scene) for ending in _ENDINGS]
         later = tuple(each.name for each in QUANTITIES if {"walls", "parts"} & {*each.tables})
-    _known([name for name in _listed(of) if not name.startswith(later)], accepted, "quantity")
+    _known([name for name in of if not name.startswith(later)], accepted, "quantity")
     _known(to, [parameter.key for parameter in parameters(scene) if parameter.kind == 1], "parameter")
 
 
@@ -129,15 +130,10 @@ def _of_history(scene: Scene) -> list[str]:
     return [*names, *(quantity.name for quantity in reported(scene) if quantity.history)]
 
 
-def _listed(names: Sequence[str]) -> list[str]:
-    return [names] if isinstance(names, str) else list(names)
-
-
 def _known(names: Sequence[str], accepted: Sequence[str], what: str) -> Sequence[str]:
-    names = _listed(names)
     for name in names:
         if name not in accepted:
-            guess = nearest(str(name), accepted)
+            guess = nearest(name, accepted)
             more = f'; did you mean "{guess}"?' if guess else f"; accepted: {', '.join(accepted)}"
             raise InputError(f"{name!r} is no {what} with sensitivities of this scene{more}")
     return names or accepted

@@ -150,7 +150,10 @@ def _put(table: dict[str, Any], key: str, value: Any) -> list[Problem]:
     if value is None and last in table:
         del table[last]
         return []
-    table[last] = copy.deepcopy(plain(value))
+    try:
+        table[last] = copy.deepcopy(plain(value))
+    except TypeError:  # of a generator, an open file ...
+        return [Problem(key, "accepted: numbers, texts, truth values, lists and tables", of_type(value))]
     return []
 
 

@@ -94,7 +94,7 @@ def to_si(text: str, unit: str) -> float:
         raise ValueError(f'"{unknown}" is not a known unit') from None
     except pint.DimensionalityError:
         raise ValueError(f'"{given}" has the wrong dimension') from None
-    except (pint.PintError, ArithmeticError, TypeError, ValueError):
+    except (pint.PintError, ArithmeticError, LookupError, TypeError, ValueError):  # LookupError: m^0
         raise ValueError(f'"{given}" cannot be converted to {unit}') from None
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 import ffsi
+from ffsi.files import folder
 from ffsi.scene import CASES
 
 NOT_STARTED = "FreeFEM was looked for before the arguments were checked"
@@ -85,6 +86,11 @@ VARY = {"fluid.density": [900.0, 1000.0]}
     (lambda out: ffsi.load_result(5), "directory = 5: accepted: a path"),
     (lambda out: ffsi.load_result(out, "1"), "point = '1': accepted"),
     (lambda out: ffsi.resume(None), "directory = None: accepted: a path"),
+    (lambda out: folder.held(Path("/proc/x/y")).__enter__(), "/proc/x/y cannot be made: No such file"),
+    (lambda out: ffsi.sensitivities(SCENE, of=None), "of = None: accepted: a name, or a list of names"),
+    (lambda out: ffsi.levels(SCENE, (i for i in range(2)), out), "levels = 0,1: accepted: at least three levels"),
+    (lambda out: ffsi.levels(SCENE, None, out), "levels = None: accepted"),
+    (lambda out: ffsi.with_values(SCENE, {"mesh.level": (i for i in ())}), "accepted: numbers, texts, truth values"),
 ])  # fmt: skip
 def test_a_wrong_type_is_refused_in_words_and_nothing_is_written(call, message, tmp_path):
     with pytest.raises((ffsi.SceneError, ffsi.InputError)) as refused:

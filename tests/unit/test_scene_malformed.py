@@ -32,6 +32,7 @@ OVERRIDES = [
     ("flap-svk", "inflow.profile=parabolc", ["inflow.profile =", '"uniform"', 'mean "parabolic"']),
     # units
     ("flap-svk", "geometry.length=2.5 s", ['geometry.length = "2.5 s":', "wrong dimension", "> 0 in m", "20 cm"]),
+    ("flap-svk", "geometry.length=2.5 g0", ["geometry.length =", '"g0" cannot be converted to m']),
     ("flap-svk", "geometry.length=2.5 foo", ["geometry.length =", '"foo" is not a known unit']),
     ("flap-svk", 'geometry.length="2.5"', ["geometry.length =", "unit is missing"]),
     ("flap-svk", "geometry.length=2,5 m", ["geometry.length =", "cannot be read as a unit"]),
