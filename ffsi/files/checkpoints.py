@@ -16,7 +16,7 @@ from ffsi.files.steps import read_saved_steps
 
 logger = logging.getLogger(__name__)
 
-CHECKPOINT_VERSION = 6
+CHECKPOINT_VERSION = 7
 
 # Arrays of the last states, for each set of kept factors and each second difference of earlier states, of the wall
 # shear stress, where it is summed, and of the ordinary steps that are kept for the check.
