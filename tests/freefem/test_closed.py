@@ -56,8 +56,9 @@ def through(folder, **tables) -> Scene:
 
 
 def test_what_comes_in_goes_out_at_the_other_inlet(tmp_path):
-    result = solve(through(tmp_path, fluid={**WATER, "mean_pressure": LEVEL}), tmp_path / "run")
+    result = solve(through(tmp_path, fluid={**WATER, "mean_pressure": LEVEL}), tmp_path / "run", error=True)
     assert result.checked, result.reason
+    assert result.data["errors"]["drag"]["bar"] < 1e-12  # P2 holds the flow
     mesh, state = state_of(result)
     x, y = mesh.p2_coordinates.T
     np.testing.assert_allclose(state.v, np.column_stack([6 * y * (1 - y), 0 * x]), rtol=0, atol=1e-9)
@@ -67,8 +68,8 @@ def test_what_comes_in_goes_out_at_the_other_inlet(tmp_path):
 
 def test_a_cavity_under_a_lid_is_what_the_checker_finds_by_itself(tmp_path):
     scene = box(tmp_path, {"walls": SIDES}, walls={"high": {"velocity_x": 1.0}}, lid=False)
-    result = solve(scene, tmp_path / "run", sensitivities=True)
-    assert result.checked, result.reason
+    result = solve(scene, tmp_path / "run", sensitivities=True, error=True)
+    assert result.checked and result.data["check"]["errors_difference"] < 1e-8, result.reason
     assert scene.fluid.mean_pressure == 0
     mesh, state = state_of(result)
     found = solve_again(System.build(problem_from_scene(result.scene), mesh)).state
@@ -79,8 +80,8 @@ def test_a_cavity_under_a_lid_is_what_the_checker_finds_by_itself(tmp_path):
 def test_the_level_of_the_pressure_lifts_an_elastic_lid(tmp_path):
     sides = {"walls": "low", "symmetry": ["left", "right", "ends"]}
     fluid = {**WATER, "mean_pressure": LEVEL}
-    result = solve(box(tmp_path, sides | {"clamped": "outside"}, lid=True, fluid=fluid), tmp_path / "run")
-    assert result.checked, result.reason
+    result = solve(box(tmp_path, sides | {"clamped": "outside"}, lid=True, fluid=fluid), tmp_path / "run", error=True)
+    assert result.checked and result.data["errors"]["tip_uy"]["bar"] < 1e-12, result.reason
     mu, lam = 40 / 2.6, 40 * 0.3 / (1.3 * 0.4)
     stretch = brentq(lambda f: mu * (f - 1 / f) + lam * np.log(f) / f + LEVEL, 0.5, 1)  # of a layer of 0.1
     assert state_of(result)[1].u[:, 1].max() == pytest.approx(0.1 * (1 - stretch), rel=1e-9)
