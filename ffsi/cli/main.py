@@ -304,7 +304,7 @@ def sweep(
         "samples": said.get("samples"),
         "seed": said.get("seed"),
     }
-    count = len(columns_of(scene.settled(), varied, **plan)[1])  # refuses what the scene does not accept
+    count = len(columns_of(scene, varied, **plan)[1])  # refuses what the scene does not accept
     if not json:
         show.domain(scene)
     try:

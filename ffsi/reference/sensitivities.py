@@ -34,6 +34,7 @@ def by_name(quantity: str, key: str) -> str:
 
 def derivatives(scene: Scene, mesh: RawMesh, state: RawState, keys: Iterable[str]) -> dict[str, Quantity]:
     """Return the derivative of every quantity by each of the parameters, in SI, by ``by_name``."""
+    scene = scene.settled()
     system, known = System.build(problem_from_scene(scene), mesh), scene.parameters()
     values = values_of(system, state)
     factors, found = Factors.of(system, state), {}

@@ -145,9 +145,9 @@ def _chain_scenes(scene: Scene, key_values: Sequence[Mapping[str, Scalar]]) -> t
     if scene.time is not None and len(key_values) > 1:
         raise InputError("a scene in time needs a run of its own for every point")
     varying = [key for key in keys if len({values[key] for values in key_values}) > 1]
-    scene = scene.settled()  # one script: no default may follow a value that varies
     scenes = [with_values(scene, dict(values)) for values in key_values]
-    if fixed := [key for key in varying if not is_runtime_parameter(scenes[0], key)]:
+    one = all(each.formulations == scenes[0].formulations for each in scenes)
+    if fixed := [key for key in varying if not one or not is_runtime_parameter(scenes[0], key)]:
         raise InputError(f"{', '.join(fixed)} cannot change within one chain: it needs another mesh or script")
     return scenes, varying
 

@@ -43,9 +43,9 @@ def plan(scene: Scene, points: Sequence[Values], workers: int = 1) -> list[Piece
         if texts not in along:
             along[texts] = run_time_keys(scene, values)
         fixed = tuple(sorted((key, value) for key, value in values.items() if key not in along[texts]))
-        groups.setdefault((texts, fixed), []).append(values)
+        groups.setdefault((texts, fixed, formulations(scene, values)), []).append(values)
     pieces = []
-    for (texts, _), group in groups.items():
+    for (texts, *_), group in groups.items():
         group = in_order(group, along[texts])
         share = max(1, round(workers * len(group) / len(points)))
         count = max(math.ceil(len(group) / _LONGEST), min(share, len(group) // _SHORTEST), 1) if along[texts] else 0
@@ -58,6 +58,14 @@ def run_time_keys(scene: Scene, values: Values) -> list[str]:
     """Return those keys of a point that can vary between the points of one process: same mesh, same script."""
     kinds = {parameter.key: parameter.kind for parameter in parameters(with_values(scene, values))}
     return [key for key in values if kinds.get(key) == 1]
+
+
+def formulations(scene: Scene, values: Values) -> tuple[str, ...]:
+    """Return the formulations of the solids at a point: where the scene states none they follow the values."""
+    follow = any("formulation" not in solid.model_fields_set for solid in scene.solid.values())
+    if follow and any(key.startswith("solid.") for key in values):
+        scene = with_values(scene, values)
+    return tuple(scene.formulations)
 
 
 def in_order(group: Sequence[Values], keys: Sequence[str], first: int | None = None) -> Piece:

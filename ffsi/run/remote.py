@@ -9,6 +9,8 @@ from concurrent.futures import BrokenExecutor, CancelledError, Executor
 from pathlib import Path
 from typing import Any
 
+import tomli_w
+
 from ffsi.files import folder
 from ffsi.files.errors import InputError
 from ffsi.run.pieces import run_piece
@@ -68,7 +70,7 @@ def workers_of(pool: Executor) -> int:
 def task(scene: Scene, piece: Piece, check: bool, draw: bool, leads: int, asked: Sequence[str]) -> dict[str, Any]:
     """Return what a worker needs to solve a piece, as plain data."""
     with tempfile.TemporaryDirectory(prefix="ffsi-task-") as name:
-        text = stored(scene, Path(name)).to_toml()
+        text = tomli_w.dumps(stored(scene, Path(name)).given())  # what follows from other values follows there, too
         files = {path.name: path.read_bytes() for path in Path(name).iterdir()}
     return {
         "version": package_version(), "scene": text, "files": files, "piece": [dict(p) for p in piece], "check": check,

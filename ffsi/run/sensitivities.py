@@ -96,7 +96,7 @@ def differences(
     middle = {key: float(values[key]) for key in keys}
     points = [{**middle, key: middle[key] * (1 + sign * _CHANGE)} for key in keys for sign in (1, -1)]
     with tempfile.TemporaryDirectory(prefix="ffsi-sensitivities-") as temporary:
-        table = sweep(scene, points, out or temporary, jobs=os.cpu_count(), on_event=on_event)
+        table = sweep(scene.settled(), points, out or temporary, jobs=os.cpu_count(), on_event=on_event)
     for reason in table["reason"][table["status"] != "converged"]:
         raise InputError(f"no sensitivities: {reason}")
     known = [name for name in map(str, table) if name.endswith(_ENDINGS) and not name.startswith("min_jacobian")]

@@ -27,7 +27,7 @@ from ffsi.run.cache import Cache
 from ffsi.run.design import columns_of
 from ffsi.run.harvest import chains_of, harvest, points_of
 from ffsi.run.pieces import Stop, run_piece
-from ffsi.run.plan import Piece, beyond, in_order, nearest, plan, run_time_keys
+from ffsi.run.plan import Piece, beyond, formulations, in_order, nearest, plan, run_time_keys
 from ffsi.scene import Scene, scene_of
 
 logger = logging.getLogger(__name__)
@@ -91,8 +91,7 @@ def sweep(
         FreeFEMNotFound: no FreeFEM on this machine.
     """
     directory = path_of(out, "out").absolute()
-    # One script for the points of a chain, also where a default would follow a varied value.
-    scene = scene_of(scene).settled()
+    scene = scene_of(scene)
     asked = [name for name, wanted in (("sensitivities", sensitivities), ("error", error)) if wanted]
     if asked and scene.time is not None:
         raise InputError(f"{asked[0]}: {scene.name} is a scene in time; accepted: steady ones")
@@ -260,6 +259,7 @@ class _Study:
             keys = run_time_keys(self.scene, values)
             fixed = {key: value for key, value in values.items() if key not in keys}
             near = [other for other in solved if other.keys() == values.keys() and fixed.items() <= other.items()]
+            near = [other for other in near if formulations(self.scene, other) == formulations(self.scene, values)]
             if near:
                 lead = nearest(values, near, keys)
                 pieces.setdefault(id(lead), [lead]).append(values)

@@ -383,12 +383,17 @@ class Scene(Table):
     def settled(self) -> Self:
         """Return the scene with the formulations of its solids as if they were given.
 
-        They decide about the script, and would follow other values: in a sweep all points have those of its scene.
+        They decide about the equations, and would follow other values: what is differentiated keeps them.
         """
         solids = {
             name: type(solid).model_validate(solid.model_dump(exclude_none=True)) for name, solid in self.solid.items()
         }
         return self.model_copy(update={"solid": solids})
+
+    @property
+    def formulations(self) -> list[str]:
+        """The formulations of its solids, in their order, which decide about the script."""
+        return [getattr(solid, "formulation", "displacement") for solid in self.solid.values()]
 
     def exact_areas(self) -> dict[str, float]:
         """Return the area in m^2 of every region, in the regions' order."""

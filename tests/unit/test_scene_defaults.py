@@ -6,10 +6,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import tomli_w
 from test_scene_materials import MOONEY_RIVLIN, NEO
 
+from ffsi.files.errors import InputError
 from ffsi.run.chain import _chain_scenes
+from ffsi.run.plan import plan
+from ffsi.run.remote import task
 from ffsi.scene import CASES, Scene, SceneError, load_scene, with_values
 from ffsi.scene.materials import NeoHookean, StVenantKirchhoff
 from ffsi.scene.overrides import parse_overrides
@@ -67,7 +69,7 @@ def test_nearly_incompressible_solids_are_mixed(material: dict[str, Any], formul
     assert scene.solid["flap"].formulation == formulation and Scene.from_toml(scene.to_toml()) == scene
 
 
-def test_formulations_follow_poissons_ratio_and_sweeps_the_scene() -> None:
+def test_formulations_follow_poissons_ratio_also_in_a_sweep() -> None:
     scene = Scene.model_validate(FLAP)
     nearly = with_values(scene, {"solid.flap.poisson_ratio": 0.495})
     assert nearly.solid["flap"].formulation == "mixed"
@@ -75,15 +77,15 @@ def test_formulations_follow_poissons_ratio_and_sweeps_the_scene() -> None:
         scene, {"solid.flap.poisson_ratio": 0.3}
     )
     assert with_values(scene, {"solid.flap.material": "st-venant-kirchhoff"}).solid["flap"].mixed is False
-    # One script for all points: a settled scene changes nothing but the values that vary.
-    assert scene.settled() == scene
-    scenes, _ = _chain_scenes(scene, [{"solid.flap.poisson_ratio": nu} for nu in (0.3, 0.495)])
-    assert [point.solid["flap"].formulation for point in scenes] == ["displacement"] * 2
-    # What decides about the mesh and not about the script is as in a single run, here and on another machine.
-    low = {"geometry.flap_height": 0.1}
-    assert with_values(scene.settled(), low) == with_values(scene, low)
-    sent = Scene.from_toml(tomli_w.dumps(scene.settled().given()))
-    assert sent == scene and with_values(sent, low) == with_values(scene, low)
+    # Points of a chain have one script; a sweep has chains enough for every point to be as in a single run.
+    points = [{"solid.flap.poisson_ratio": nu} for nu in (0.3, 0.495, 0.48, 0.499)]
+    assert [[len(piece) for piece in plan(each, points)] for each in (scene, scene.settled())] == [[2, 2], [4]]
+    with pytest.raises(InputError, match=r"poisson_ratio cannot change within one chain"):
+        _chain_scenes(scene, points)
+    # So here, and on another machine.
+    sent = Scene.from_toml(task(scene, points, True, False, 0, [])["scene"])
+    for values in (points[1], {"geometry.flap_height": 0.1}):
+        assert sent == scene == scene.settled() and with_values(sent, values) == with_values(scene, values)
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -94,6 +96,11 @@ def test_the_catalogue_states_what_it_has(name: str) -> None:
     for solid in scene.solid.values():
         assert "formulation" in solid.model_fields_set or solid.material == "st-venant-kirchhoff"
     assert with_values(scene, {}) == scene
+
+
+def test_none_of_a_key_that_a_new_material_has_dropped() -> None:
+    new = ["solid.flap.material=mooney-rivlin", *(f"solid.flap.{key}=1" for key in ("c10", "c01", "bulk_modulus"))]
+    assert load_scene("flap-svk", [*new, "solid.flap.lame_mu=none"]) == load_scene("flap-svk", new)
 
 
 @pytest.mark.parametrize("key", ["inflow.ramp", "gravity", "time.output_interval"])
