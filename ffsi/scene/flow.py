@@ -270,13 +270,16 @@ def mean_of_profile(inflow: Inflow, height: float) -> float:
 
 
 def _size_of_profile(inflow: Inflow, height: float) -> tuple[float, float]:
-    """Return the profile's largest value and its mean over the inlet, both dimensionless."""
+    """Return the profile's largest value and its mean over the inlet, both dimensionless; 0 of what is rounding."""
     y = np.linspace(0.0, height, 2001)
     values = inflow.expression.evaluate(y=y, H=height)
     simpson = np.full(y.size, 2.0)
     simpson[1::2] = 4.0
     simpson[[0, -1]] = 1.0
-    return float(values.max()), float(simpson @ values / simpson.sum())
+    rounding = 1e-9 * np.abs(values).max()
+    found = (float(values.max()), float(simpson @ values / simpson.sum()))
+    largest, mean = (each if abs(each) > rounding else 0.0 for each in found)
+    return largest, mean
 
 
 class Forces(Table):

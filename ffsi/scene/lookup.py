@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from decimal import Decimal
 from typing import Any, get_args, get_origin
 
+from pydantic.fields import FieldInfo
+
 from ffsi.scene.base import Table
 from ffsi.scene.model import Scene
 from ffsi.scene.units import Count, Quantity
@@ -28,6 +30,11 @@ def plain(value: Any) -> Any:
 
 def rules(key: str) -> list[Quantity | Count]:
     """Return what the models accept for a number under a dotted key, of each kind of table that has it."""
+    return [rule for field in fields(key) for rule in of_field(field)[1] if isinstance(rule, Quantity | Count)]
+
+
+def fields(key: str) -> list[FieldInfo]:
+    """Return the fields under a dotted key, of each kind of table that has it: of every material, say."""
     tables: list[Any] = [Scene]
     *path, last = key.split(".")
     for name in path:
@@ -38,8 +45,7 @@ def rules(key: str) -> list[Quantity | Count]:
             elif name in table.model_fields:
                 found += of_field(table.model_fields[name])[0]
         tables = [item for item in found if get_origin(item) is dict or _is_table(item)]
-    fields = [table.model_fields[last] for table in tables if _is_table(table) and last in table.model_fields]
-    return [rule for field in fields for rule in of_field(field)[1] if isinstance(rule, Quantity | Count)]
+    return [table.model_fields[last] for table in tables if _is_table(table) and last in table.model_fields]
 
 
 def unit_of(key: str) -> str:

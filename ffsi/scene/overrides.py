@@ -10,7 +10,7 @@ from typing import Any
 from ffsi.scene.errors import Problem, SceneError, of_type, short
 from ffsi.scene.flow import PROFILE_KEYS, VELOCITIES, WAVEFORMS
 from ffsi.scene.fluids import LAWS
-from ffsi.scene.lookup import plain
+from ffsi.scene.lookup import fields, plain
 from ffsi.scene.materials import ELASTIC_CONSTANTS, ELASTIC_PAIRS, MATERIALS, PAIRS_TEXT, CompressibleElastic, Elastic
 from ffsi.scene.model import Scene
 from ffsi.scene.outlet import OUTLETS, PRESSURES
@@ -147,8 +147,8 @@ def _put(table: dict[str, Any], key: str, value: Any) -> list[Problem]:
         table = table.setdefault(name, {})
         if not isinstance(table, dict):
             return [Problem(key, f"{'.'.join(path[: depth + 1])} is a single value, it has no keys")]
-    if value is None and last in table:
-        del table[last]
+    if value is None and (last in table or fields(key)):  # perhaps of another material
+        table.pop(last, None)
         return []
     try:
         table[last] = copy.deepcopy(plain(value))

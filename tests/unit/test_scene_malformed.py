@@ -141,6 +141,8 @@ OVERRIDES = [
     ("flap-svk", "output.vtu=1", ["output.vtu = 1:", "true or false"]),
     ("flap-svk", "output.pictures=yes", ['output.pictures = "yes":', "true or false"]),
     # formulas
+    ("flap-svk", 'inflow={flow_rate=1, profile="y-H/2"}', ["inflow.flow_rate = 1:", "mean is positive, that of this"]),
+    ("flap-svk", "solid.flap.hardness=none", ["solid.flap.hardness", "unknown key"]),
     ("flap-svk", "inflow.profile=1/y", ["inflow.profile =", "not finite at y = 0 m"]),
     ("flap-svk", 'inflow.profile=exec("rm -rf /")', ["inflow.profile =", "character '\"'", "not accepted"]),
     # time
