@@ -24,6 +24,7 @@ Colours = NDArray[np.uint8]
 _ZOOM = 2  # what is inside of the axes is painted so much larger, then averaged
 _MANY = 10_000  # triangles, from which on their parts are no larger than a pixel or two
 _AROUND = [0, 3, 1, 4, 2, 5]  # the nodes of a quadratic triangle in turn
+_NEAREST = Image.Resampling.NEAREST
 _WHITE, _DARKER = 255, 100  # in palettes of 256: outside, and where the colours of contour lines begin
 _ARROW = np.array(
     [[-0.5, 0.1], [-0.4, 0.1], [-0.5, 0.45], [0.5, 0], [-0.5, -0.45], [-0.4, -0.1], [-0.5, -0.1]]
@@ -89,7 +90,10 @@ def _mesh(sheet: _Sheet, fields: Fields) -> None:
 
 
 class _Sheet:
-    """A page with axes; coordinates in m."""
+    """A page with axes; coordinates in m, pixels of the inside, which `shades` or `contours` make."""
+
+    inside: Image.Image
+    pen: ImageDraw.ImageDraw
 
     def __init__(self, window: tuple[Floats, Floats], title: str) -> None:
         self.frame = frame = views.Frame.of(window)
@@ -166,16 +170,19 @@ class _Sheet:
         self, fields: Fields, shown: NDArray[np.bool_], values: Floats, low: float, high: float, colours: Colours
     ) -> None:
         """Colour triangles by values at the nodes, linear on the four parts of a triangle unless there are many."""
-        where, found = self._values(fields, shown, values, 1, parted=int(shown.sum()) < _MANY)
+        first, where, found = self._values(fields, shown, values, 1, parted=int(shown.sum()) < _MANY)
         found -= np.float32(low)
         found *= np.float32((len(colours) - 1) / (high - low))
-        self._fill(np.where(where, np.clip(found, 0, len(colours) - 1), _WHITE).astype(np.uint8), colours)
+        shade = np.where(where, np.clip(found, 0, len(colours) - 1), _WHITE).astype(np.uint8)
+        self._fill(
+            first, Image.fromarray(shade).resize((_ZOOM * shade.shape[1], _ZOOM * shade.shape[0]), _NEAREST), colours
+        )
 
     def contours(
         self, fields: Fields, shown: NDArray[np.bool_], values: Floats, levels: Floats, colours: Colours
     ) -> None:
         """Colour triangles between levels, with lines at them."""
-        where, found = self._values(fields, shown, values, _ZOOM, parted=False)
+        first, where, found = self._values(fields, shown, values, _ZOOM, parted=False)
         found -= np.float32(levels[0])
         found *= np.float32(1 / (levels[1] - levels[0]))
         band = np.clip(np.floor(found) + 1, 0, len(levels)).astype(np.uint8)
@@ -186,27 +193,34 @@ class _Sheet:
         both = np.zeros((_WHITE, 3), np.uint8)
         both[: len(colours)] = colours
         both[_DARKER : _DARKER + len(colours)] = 0.45 * colours + 0.55 * ink
-        self._fill(np.where(where, band + np.uint8(_DARKER) * line, np.uint8(_WHITE)), both)
+        self._fill(first, Image.fromarray(np.where(where, band + np.uint8(_DARKER) * line, np.uint8(_WHITE))), both)
 
     def _values(
         self, fields: Fields, shown: NDArray[np.bool_], values: Floats, zoom: int, *, parted: bool
-    ) -> tuple[NDArray[np.bool_], NDArray[np.float32]]:
-        """Return of every pixel whether it lies in the triangles, and the value there, linear on each."""
+    ) -> tuple[Ints, NDArray[np.bool_], NDArray[np.float32]]:
+        """Return the first pixel around the triangles and of each whether it lies in one, and the value there.
+
+        A pixel of the inside is 1 / `zoom` of one of the page; values are linear on each triangle, or part of one.
+        """
         cells, points = fields.cells[shown], self.at(fields.deformed, zoom)
+        around = points[cells].reshape(-1, 2)
+        first = np.maximum(np.floor(around.min(axis=0)), 0).astype(int)
+        beyond = np.minimum(np.ceil(around.max(axis=0)) + 1, zoom * np.array(self.size)).astype(int)
+        points -= first
         triangles, shapes = cells[:, :3], cells[:, _AROUND]
         if parted:
             triangles = shapes = fields.linear_triangles(shown)
         corners = points[triangles]
-        image = Image.new("I", (zoom * self.size[0], zoom * self.size[1]), 0)
+        image = Image.new("I", tuple((beyond - first).tolist()), 0)
         core = ImageDraw.Draw(image).draw  # as for lines
         for i, shape in enumerate(points[shapes].reshape(len(shapes), -1).tolist(), 1):
             core.draw_polygon(shape, core.draw_ink(i), 1)
         number: Ints = np.asarray(image)
         (a, b), change = np.moveaxis(corners[:, 1:] - corners[:, :1], 0, -1), values[triangles]
-        first, second = change[:, 1] - change[:, 0], change[:, 2] - change[:, 0]
+        rise, other = change[:, 1] - change[:, 0], change[:, 2] - change[:, 0]
         area = a[0] * b[1] - a[1] * b[0]
         area = np.where(abs(area) < 1e-9, np.inf, area)  # thinner than a pixel
-        slope = np.array([first * b[1] - second * a[1], second * a[0] - first * b[0]]) / area
+        slope = np.array([rise * b[1] - other * a[1], other * a[0] - rise * b[0]]) / area
         base = change[:, 0] - (slope * corners[:, 0].T).sum(axis=0)
         plane = np.zeros((3, len(triangles) + 1), np.float32)
         plane[:, 1:] = base, *slope
@@ -214,13 +228,12 @@ class _Sheet:
         found = plane[1][number] * np.arange(width, dtype=np.float32)
         found += plane[2][number] * np.arange(height, dtype=np.float32)[:, None]
         found += plane[0][number]
-        return np.asarray(number > 0), found
+        return _ZOOM // zoom * first, np.asarray(number > 0), found
 
-    def _fill(self, numbers: Colours, colours: Colours) -> None:
-        image = Image.fromarray(numbers)
+    def _fill(self, first: Ints, image: Image.Image, colours: Colours) -> None:
         image.putpalette([*colours.ravel().tolist(), *[255] * (3 * (256 - len(colours)))])
-        wide, tall = self.size
-        self.inside = image.resize((_ZOOM * wide, _ZOOM * tall), Image.Resampling.NEAREST).convert("RGB")
+        self.inside = Image.new("RGB", (_ZOOM * self.size[0], _ZOOM * self.size[1]), "white")
+        self.inside.paste(image.convert("RGB"), (int(first[0]), int(first[1])))
         self.pen = ImageDraw.Draw(self.inside)
 
     def arrows(self, at: Floats, arrows: Floats) -> None:
@@ -243,7 +256,7 @@ class _Sheet:
         end = round(length / 22) if extended else 0
         strip = Image.new("RGB", (length, thick), "white")
         pen, shades = ImageDraw.Draw(strip), colours[1:-1] if extended else colours
-        strip.paste(Image.fromarray(shades[None]).resize((length - 2 * end, thick), Image.Resampling.NEAREST), (end, 0))
+        strip.paste(Image.fromarray(shades[None]).resize((length - 2 * end, thick), _NEAREST), (end, 0))
         frame: list[float] = [0, 0, length - 1, 0, length - 1, thick - 1, 0, thick - 1]
         if extended:
             middle, last = thick / 2, length - end
