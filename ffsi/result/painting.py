@@ -22,7 +22,6 @@ from ffsi.result.fields import FLUID, Fields
 
 Colours = NDArray[np.uint8]
 _ZOOM = 2  # what is inside of the axes is painted so much larger, then averaged
-_MANY = 10_000  # triangles, from which on their parts are no larger than a pixel or two
 _AROUND = [0, 3, 1, 4, 2, 5]  # the nodes of a quadratic triangle in turn
 _NEAREST = Image.Resampling.NEAREST
 _WHITE, _DARKER = 255, 100  # in palettes of 256: outside, and where the colours of contour lines begin
@@ -169,8 +168,8 @@ class _Sheet:
     def shades(
         self, fields: Fields, shown: NDArray[np.bool_], values: Floats, low: float, high: float, colours: Colours
     ) -> None:
-        """Colour triangles by values at the nodes, linear on the four parts of a triangle unless there are many."""
-        first, where, found = self._values(fields, shown, values, 1, parted=int(shown.sum()) < _MANY)
+        """Colour triangles by values at the nodes, linear on the four parts of a large triangle."""
+        first, where, found = self._values(fields, shown, values, 1, 6.0)
         found -= np.float32(low)
         found *= np.float32((len(colours) - 1) / (high - low))
         shade = np.where(where, np.clip(found, 0, len(colours) - 1), _WHITE).astype(np.uint8)
@@ -182,7 +181,7 @@ class _Sheet:
         self, fields: Fields, shown: NDArray[np.bool_], values: Floats, levels: Floats, colours: Colours
     ) -> None:
         """Colour triangles between levels, with lines at them."""
-        first, where, found = self._values(fields, shown, values, _ZOOM, parted=False)
+        first, where, found = self._values(fields, shown, values, _ZOOM, np.inf)
         found -= np.float32(levels[0])
         found *= np.float32(1 / (levels[1] - levels[0]))
         band = np.clip(np.floor(found) + 1, 0, len(levels)).astype(np.uint8)
@@ -196,24 +195,25 @@ class _Sheet:
         self._fill(first, Image.fromarray(np.where(where, band + np.uint8(_DARKER) * line, np.uint8(_WHITE))), both)
 
     def _values(
-        self, fields: Fields, shown: NDArray[np.bool_], values: Floats, zoom: int, *, parted: bool
+        self, fields: Fields, shown: NDArray[np.bool_], values: Floats, zoom: int, smallest: float
     ) -> tuple[Ints, NDArray[np.bool_], NDArray[np.float32]]:
         """Return the first pixel around the triangles and of each whether it lies in one, and the value there.
 
-        A pixel of the inside is 1 / `zoom` of one of the page; values are linear on each triangle, or part of one.
+        A pixel of the page has `zoom` to each side; values are linear on each triangle, of larger ones on each part.
         """
         cells, points = fields.cells[shown], self.at(fields.deformed, zoom)
         around = points[cells].reshape(-1, 2)
         first = np.maximum(np.floor(around.min(axis=0)), 0).astype(int)
         beyond = np.minimum(np.ceil(around.max(axis=0)) + 1, zoom * np.array(self.size)).astype(int)
         points -= first
-        triangles, shapes = cells[:, :3], cells[:, _AROUND]
-        if parted:
-            triangles = shapes = fields.linear_triangles(shown)
+        large = shown & (np.ptp(points[fields.cells], axis=1).max(axis=1) > smallest)
+        parts, cells = fields.linear_triangles(large), fields.cells[shown & ~large]
+        triangles = np.concatenate([parts, cells[:, :3]])
         corners = points[triangles]
         image = Image.new("I", tuple((beyond - first).tolist()), 0)
         core = ImageDraw.Draw(image).draw  # as for lines
-        for i, shape in enumerate(points[shapes].reshape(len(shapes), -1).tolist(), 1):
+        shapes = [*points[parts].reshape(-1, 6).tolist(), *points[cells[:, _AROUND]].reshape(-1, 12).tolist()]
+        for i, shape in enumerate(shapes, 1):
             core.draw_polygon(shape, core.draw_ink(i), 1)
         number: Ints = np.asarray(image)
         (a, b), change = np.moveaxis(corners[:, 1:] - corners[:, :1], 0, -1), values[triangles]

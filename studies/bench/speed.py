@@ -52,13 +52,20 @@ SAMPLES = (
     Sample("aneurysm", ("pressure_drop", "wss_mean_dome", "dome_displacement_max")),
 )
 FSI1 = SAMPLES[2]
-SIZES = ((3, 0.2, 3), (4, 0.25, 2), (4, 0.2, 4), (5, 0.15, 4), (6, 0.1, 6))  # order, size in m, layers at corners
-CHANNEL = ("mesh.far_size=0.045",)  # of the flow upstream and beside the beam most of the error in u_x and lift comes
+SIZES = ((3, 0.2, 3), (4, 0.25, 2), (4, 0.2, 3), (5, 0.15, 4), (6, 0.1, 6))  # order, size in m, layers at corners
+
+
+def _mesh(far: str, body: str, corner: str, growth: str) -> tuple[str, ...]:
+    sizes = {"far_size": far, "body_size": body, "corner_size": corner, "growth": growth}
+    return ("mesh.level=1", *(f"mesh.{key}={value}" for key, value in sizes.items()))
+
+
+# Of the flow upstream and beside the beam most of the error in u_x and lift comes: fine there, coarse at the bodies.
 OWN: Mapping[str, tuple[str, ...]] = {
+    "coarse, even": _mesh("0.07", "0.026", "0.006", "0.8"),
+    "medium, even": _mesh("0.06", "0.026", "0.006", "0.5"),
     "level 1": ("mesh.level=1",),
-    "level 1, finer channel": ("mesh.level=1", *CHANNEL, "mesh.body_size=0.018"),
-    "level 2": ("mesh.level=2",),
-    "level 2, finer channel": ("mesh.level=2", *CHANNEL),
+    "fine, even": _mesh("0.045", "0.012", "0.004", "0.5"),
     "level 4": ("mesh.level=4",),
 }
 """The settings of this program's meshes beside NGSolve."""
