@@ -87,6 +87,13 @@ def test_the_level_of_the_pressure_lifts_an_elastic_lid(tmp_path):
     assert state_of(result)[1].u[:, 1].max() == pytest.approx(0.1 * (1 - stretch), rel=1e-9)
 
 
+def test_a_traction_presses_a_lid_on_a_flow(tmp_path):
+    sides = {"inlet": "left", "outlet": "right", "walls": "low", "clamped": "ends", "loaded": "outside"}
+    flow = {"inflow": {"mean_velocity": 0.1}, "outlet": {"kind": "do-nothing"}, "traction": {"y": -0.4}}
+    result = solve(box(tmp_path, sides, lid=True, **flow), tmp_path / "run")
+    assert result.checked and state_of(result)[1].u[:, 1].min() < -1e-3
+
+
 @pytest.mark.parametrize("kind", ["linear-elastic", "hyperelastic"])
 def test_a_balloon_holds_what_comes_in(kind, tmp_path):
     sides = {"inlet": "left", "walls": ["right", "low"], "clamped": "ends"}
