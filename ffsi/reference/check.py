@@ -306,7 +306,8 @@ def _badness(number: float) -> float:
 def _dirichlet(system: System, state: RawState) -> float:
     """Largest deviation from the prescribed u, v, p, ps, each relative to its own scale."""
     rows, old = system.rows, system.increment.old if system.increment is not None else state
-    fields = zip(state.fields, rows.prescribed.fields, rows.given, old.fields, strict=True)
+    so_far = (*_travelled(system), 0.0, 0.0)
+    fields = zip(state.fields, rows.prescribed.fields, rows.given, old.fields, so_far, strict=True)
     sliding = ((state.u, rows.u_normal), (state.v, rows.v_normal))
     off = [relative(*(largest(np.abs(part).ravel()) for part in (across(*each), each[0]))) for each in sliding]
     if (level := system.problem.mean_pressure) is not None and system.fluid is not None:
@@ -315,8 +316,20 @@ def _dirichlet(system: System, state: RawState) -> float:
     return largest([*(_deviation(*each) for each in fields), *off])
 
 
-def _deviation(values: Floats, prescribed: Floats, given: Mask, old: Floats) -> float:
-    """Largest deviation over the largest prescribed value.
+def _travelled(system: System) -> list[float]:
+    """Largest u, v so far of walls that the mesh follows: where they come back the terms of their motion cancel."""
+    mesh, increment = system.mesh, system.increment
+    moving = [(b.label, b.displacement, b.motion) for b in system.problem.boundaries if b.displacement and b.motion]
+    if increment is None or not moving:
+        return [0.0, 0.0]
+    times = np.linspace(0.0, increment.step.time, 33).tolist()
+    points = {label: mesh.p2_coordinates[np.unique(mesh.edge_nodes[mesh.label == label])] for label, *_ in moving}
+    values = [[np.abs(of(points[label], t)).max() for of in (u, v)] for label, u, v in moving for t in times]
+    return [largest(column) for column in zip(*values, strict=True)]
+
+
+def _deviation(values: Floats, prescribed: Floats, given: Mask, old: Floats, so_far: float = 0.0) -> float:
+    """Largest deviation over the largest prescribed value, now or ``so_far``.
 
     Where that is rounding beside the field, now or before the step, as that of an inflow that passes through zero, it
     is over so much of the field.
@@ -325,7 +338,7 @@ def _deviation(values: Floats, prescribed: Floats, given: Mask, old: Floats) -> 
         return 0.0
     scale = largest(np.abs(prescribed[given]).ravel())
     field = _ROUNDING * largest(np.abs([values, old]).ravel())
-    return relative(largest(np.abs(values - prescribed)[given].ravel()), max(scale, field))
+    return relative(largest(np.abs(values - prescribed)[given].ravel()), max(scale, field, so_far))
 
 
 def _force_differences(known: Mapping[str, Quantity], reported: Mapping[str, Any]) -> dict[str, float]:
