@@ -146,13 +146,6 @@ def test_scenes_are_run_and_written(tmp_path, runs, capsys):
     assert "(results/bench-formulations.csv)" in text and "Formulations of the solid" in capsys.readouterr().out
 
 
-def test_a_failed_scene_leaves_the_readme_alone(tmp_path, runs, monkeypatch):
-    readme = tmp_path / "README.md"
-    readme.write_text(README)
-    monkeypatch.setattr(steady, "run", lambda case, *settings: failed(case, 2))
-    assert set(steady.main_scenes(readme=readme)) == {"not-converged"} and readme.read_text() == README
-
-
 def test_a_run_counts_what_was_done_on_coarser_meshes(monkeypatch):
     history = pd.DataFrame({"stage": [1, 1, 2, 2], "seconds": [0.1, 0.4, 0.9, 1.0]})
     done = SimpleNamespace(data=dict(solution().data), solved=True, history=history)
@@ -268,13 +261,6 @@ def test_mesh_motions_are_run_and_written(tmp_path, monkeypatch, capsys):
     assert "Written by `python -m studies bench --mesh-motion`" in text
     out, err = capsys.readouterr()
     assert "hyperelastic, size" in out and "and so on" in err
-
-
-def test_a_sweep_that_no_mesh_motion_starts_is_a_failure(monkeypatch):
-    monkeypatch.setattr(
-        mesh_motion, "run", lambda sweep, motion: track(motion, 0.0, failure="not-converged", sweep=sweep)
-    )
-    assert mesh_motion.main() == ["not-converged", "not-converged"]
 
 
 PROGRAMS = ("ffsi run", "ffsi script", "NGSolve")
@@ -408,13 +394,6 @@ def steps(seconds: list[float]) -> Run:
     data = {"failure": "", "unknowns": 13000, "triangles": 1400, "timings": timings}
     counted = pd.DataFrame({"took": seconds, "iterations": 3.0, "rebuilds": 0.02, "tip_uy": 0.03})
     return Run("steps", data, history=counted)
-
-
-def test_meshes_steps_and_bounds_are_the_stated_ones():
-    assert [size.bound for size in bench.SIZES] == [0.12, 0.28] * 2 and bench.SIZES[2].scene(1.0).fluid.law == "carreau"
-    for step in ("condensed", "newton"):
-        scene = bench.SIZES[0].scene(5.5, step)
-        assert (scene.time.step, scene.time.end, scene.time.stop, scene.solver.step) == (0.005, 5.5, "end", step)
 
 
 def test_steps_start_from_the_developed_motion_and_its_ends_do_not_count(tmp_path, in_time, check, short, capsys):

@@ -38,18 +38,13 @@ OVERRIDES = [
     ("flap-svk", "geometry.length=2,5 m", ["geometry.length =", "cannot be read as a unit"]),
     ("flap-svk", "fluid.viscosity=3.5 kg/m s", ["fluid.viscosity =", "cannot be read as a unit", '"kg/(m s)"']),
     ("flap-svk", "solver.time_limit=1 m", ["solver.time_limit =", "wrong dimension", "10 min"]),
-    ("flap-svk", "mesh.size_factor=2 m", ["mesh.size_factor =", "accepted: a number > 0"]),
     # numbers
     ("flap-svk", "geometry.length=-1", ["geometry.length = -1:", "out of range", "> 0 in m"]),
     ("flap-svk", "geometry.length=nan", ["geometry.length = nan:", "not a finite number"]),
-    ("flap-svk", "geometry.length=1e999 m", ["geometry.length =", "not a finite number"]),
     ("flap-svk", "geometry.length=true", ["geometry.length = true:", "not a number"]),
     ("flap-svk", "geometry.length=[1, 2]", ["geometry.length = a list of 2:", "not a number"]),
     ("flap-svk", "mesh.level=7", ["mesh.level = 7:", "whole number from 0 to 6"]),
-    ("flap-svk", "mesh.level=fine", ['mesh.level = "fine":', "whole number from 0 to 6"]),
     ("cook", "traction.y=4 N", ['traction.y = "4 N":', "wrong dimension", "a number in Pa"]),
-    ("flap-svk", "inflow.mean_velocity=-1", ["inflow.mean_velocity = -1:", ">= 0 in m/s"]),
-    ("flap-svk", "solver.max_iterations=0", ["solver.max_iterations = 0:", "from 1 to 1000"]),
     ("flap-svk", "solver.reuse_ratio=1", ["solver.reuse_ratio = 1:", ">= 0 and < 1"]),
     ("turek-csm1", "solid.beam.poisson_ratio=0.5", ["solid.beam.poisson_ratio = 0.5:", "> -1 and < 0.5"]),
     # elastic constants
@@ -116,29 +111,20 @@ OVERRIDES = [
     # tables that do not fit together
     ("turek-csm1", "inflow.mean_velocity=1", ["inflow:", "with a fluid"]),
     ("turek-cfd1", "mesh_motion.kind=harmonic", ["mesh_motion:", "a fluid and a solid"]),
-    ("turek-cfd1", "mesh.root_size=0.1", ["mesh.root_size = 0.1 m:", '"flap-channel"', '"channel-cylinder"']),
-    ("cylinder-2d1", "solid.beam.density=1", ["solid.beam:", "geometry.beam"]),
     # the elastic roof
     ("flap-svk", "geometry.roof.thickness=0.02", ["solid.roof: missing;", 'a fluid and the solids "flap", "roof"']),
-    ("flap-svk", "solid.roof.density=1", ["solid.roof:", "holds no roof unless geometry.roof is given"]),
-    ("flap-neo-hookean-roof", "solid.rooof.density=1", ["solid.rooof:", '"flap", "roof"', 'mean "solid.roof"']),
-    ("flap-svk", "geometry.rof.thickness=1", ["geometry.rof = a table", 'mean "geometry.roof"']),
     # geometries without a fluid
     ("cook", "fluid={density=1, viscosity=1}", ["fluid: not accepted:", 'the geometry "cook" holds no fluid']),
     ("cantilever", "mesh_motion.kind=harmonic", ["mesh_motion: not accepted:", '"cantilever" holds no fluid']),
-    ("cook", "solid.membran.density=1", ["solid.membran:", 'holds "membrane"', 'mean "solid.membrane"']),
-    ("cook", "geometry.height=1", ["geometry.height = 1:", 'with the kind "cook" has', '"left_height"']),
     # traction
     ("flap-svk", "traction.y=1", ["traction: not accepted:", '"flap-channel" has no loaded boundary']),
     ("flap-svk", "geometry.length.x=1", ["geometry.length.x:", "single value"]),
-    ("flap-svk", "geometry=5", ["geometry = 5:", "table"]),
     ("flap-svk", "fluid={density=1}", ["fluid.viscosity:", "missing", "Pa s"]),
     # text
     ("flap-svk", "name=Flap", ['name = "Flap":', "small letter"]),
     ("flap-svk", f"name={'a' * 65}", ["name = ", "at most 64"]),
     ("flap-svk", 'description="a\\nb"', ['description = "a?b":', "one line of printable text"]),
     ("flap-svk", f'description="{"a" * 201}"', ["description = ", "at most 200"]),
-    ("flap-svk", "output.vtu=1", ["output.vtu = 1:", "true or false"]),
     ("flap-svk", "output.pictures=yes", ['output.pictures = "yes":', "true or false"]),
     # formulas
     ("flap-svk", 'inflow={flow_rate=1, profile="y-H/2"}', ["inflow.flow_rate = 1:", "mean is positive, that of this"]),
@@ -154,7 +140,6 @@ OVERRIDES = [
      ["time.smallest_step = 0.2 s:", "at most step = 0.1 s"]),
     ("turek-fsi3", "time.shift=1 s", ["time.shift =", "wrong dimension", '"2 s^-1"']),
     ("turek-fsi3", "time.step=1e-9", ["time.step = 1e-09 s:", "at least end / 1e+09 = 1e-08 s"]),
-    ("turek-fsi3", "time.stp=1", ["time.stp = 1:", "unknown key", 'mean "time.stop"']),
     ("turek-fsi1", "inflow.ramp=2", ["inflow.ramp = 2 s:", "only accepted", "table time"]),
     ("turek-fsi1", "inflow.waveform=t", ['inflow.waveform = "t":', "only accepted", "table time"]),
     ("turek-fsi3", "inflow.waveform=y", ['inflow.waveform = "y":', 'unknown name "y"; accepted: "t", "pi"']),
@@ -163,7 +148,6 @@ OVERRIDES = [
     ("turek-fsi3", "inflow.profile=t", ["inflow.profile =", 'unknown name "t"; accepted: "y", "H"']),
     # overrides themselves
     ("flap-svk", "mesh.level", ['override = "mesh.level":', "key=value"]),
-    ("flap-svk", "=5", ['override = "=5":', "key=value"]),
     # cases that are none
     ("flapsvk", "", ['case = "flapsvk":', "no such case", 'mean "flap-svk"']),
     ("turek-fsi", "", ["case =", '"cylinder-2d1"', 'mean "turek-fsi3"']),

@@ -9,8 +9,7 @@ import pytest
 from scipy.integrate import quad
 from time_folders import scene_in_time
 
-from ffsi.files import folder
-from ffsi.scene import CASES, load_scene
+from ffsi.scene import load_scene
 from ffsi.scene.fluids import Carreau, Casson, Newtonian, PowerLaw
 from studies import harness
 from studies.harness import run_all
@@ -178,28 +177,6 @@ def test_tables_worst_values_and_changes_by_level():
     assert gap.numbers == {}
 
 
-LAWS = ("Newtonian", "Carreau")
-
-
-def test_what_runs():
-    assert len({case.folder for case in blood.CASES}) == len(blood.CASES) == 6 + 2 + 15 + 5
-    assert {table.group for table in blood.TABLES} == {case.group for case in blood.CASES} | {"levels"}
-    carreau = [case for case in blood.PLANE_CASES if case.labels[0] == "Carreau"]
-    assert [case.scene().inflow.mean_velocity for case in carreau] == pytest.approx(
-        [6.3527417e-5, 0.0032008878, 0.07601542], rel=1e-7
-    )
-    steady = [case for case in blood.ANEURYSM_CASES if case.group == "steady"]
-    assert {(case.labels[0], case.level) for case in steady} == {
-        (f"{walls}, {law}", level)
-        for walls, laws in {"elastic": LAWS, "rigid": LAWS, "elastic, held": LAWS[:1]}.items()
-        for law in laws
-        for level in (1, 2, 3)
-    }
-    pulsatile = [case for case in blood.ANEURYSM_CASES if case.group == "pulsatile"]
-    assert sorted(case.level for case in pulsatile) == [1, 2, 2, 2, 2]
-    assert all(case.scene().time.end == CASES["aneurysm-pulsatile"].time.end for case in pulsatile)
-
-
 @pytest.fixture
 def steady_freefem(freefem, monkeypatch):
     monkeypatch.setattr(harness, "find_freefem", lambda: SimpleNamespace(has_mumps=True))
@@ -244,16 +221,3 @@ def test_everything_is_written_and_a_second_call_goes_on(tmp_path, in_time, chec
     assert "| elastic, Newtonian | 2 |" in (tmp_path / "results/blood.md").read_text()
     assert "TAWSS mean Pa" in capsys.readouterr().out and blood.main(**given) == [""]
     assert in_time.first_steps == [1] and readme.read_text() == text
-
-
-def test_a_failed_run_is_reported_and_leaves_the_readme_alone(tmp_path, in_time, check, capsys):
-    readme = tmp_path / "README.md"
-    readme.write_text(README)
-    in_time.fail = 20
-    cases = [stand(), stand("short", 0.5)]
-    assert blood.main(out=tmp_path, runs=tmp_path / "runs", cases=cases, readme=readme) == ["not-converged", ""]
-    assert readme.read_text() == README and "stays as it is" in capsys.readouterr().err
-    assert "failed (not-converged)" in (tmp_path / "blood.md").read_text()
-    frame = pd.read_csv(tmp_path / "blood.csv", keep_default_na=False)
-    assert set(frame.loc[frame["case"] == "stand", "failure"]) == {"not-converged"}
-    assert folder.is_run_folder(tmp_path / "runs/short")

@@ -228,18 +228,6 @@ def test_everything_is_written(tmp_path, in_time, check, capsys):
     assert readme.read_text() == text
 
 
-def test_a_failed_run_leaves_the_readme_alone(tmp_path, in_time, check, capsys):
-    readme = tmp_path / "README.md"
-    readme.write_text(README)
-    in_time.fail = 20
-    case = replace(BY_NAME["turek-fsi3"], parts=(10.0,), coarser=(0,))
-    given = {"out": tmp_path / "results", "runs": tmp_path / "runs", "cases": [case]}
-    assert study.main(readme=readme, **given) == ["not-converged"] and readme.read_text() == README
-    assert "stays as it is" in capsys.readouterr().err
-    frame = pd.read_csv(tmp_path / "results/verification-unsteady.csv")
-    assert frame["status"].tolist() == ["failed"] and frame["tip_uy_amplitude"].isna().all()
-
-
 def long_run(end: float, growth: float = 0.0, reached: float | None = None) -> LongRun:
     """u_y with the amplitude 0.1 (1 + growth t), from t = 2 s on, and J."""
     t = np.arange(0.01, (reached or end) + 1e-9, 0.01)
