@@ -346,6 +346,9 @@ def render(
         raise InputError(f"{output} is there, and no script (.edp); -o would replace it")
     mesh = output.with_suffix(".mesh")
     text = render_script(scene, mesh_file=mesh.name)
+    start = output.with_name("initial.mesh")
+    if scene.time is not None and scene.time.initial is not None and start.exists() and not output.exists():
+        raise InputError(f"{start} is there, and no start of a script {output.name}; give -o another folder")
     if isinstance(scene.geometry, MeshGeometry):
         if not re.fullmatch(r"[\w. -]+", mesh.name):
             raise InputError(f"{mesh.name!r}: the mesh beside the script needs a name of letters, digits and . - _")

@@ -5,8 +5,9 @@ from ffsi.scene.errors import SceneError
 from ffsi.scene.files import CASES, load_scene, scene_of, stored
 from ffsi.scene.fluids import Newtonian
 from ffsi.scene.geometry import Aneurysm, MeshGeometry
-from ffsi.scene.model import Scene, boundaries
+from ffsi.scene.model import Scene
 from ffsi.scene.overrides import with_values
+from ffsi.scene.sides import boundaries
 
 __all__ = [
     "CASES",

@@ -2,7 +2,6 @@
 
 import re
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import replace
 from html import escape
 from typing import Any, ClassVar, Self
 
@@ -13,7 +12,6 @@ from pydantic import ConfigDict, Field, ValidationInfo, field_validator, model_v
 
 from ffsi.scene import together
 from ffsi.scene.base import Table, refuse
-from ffsi.scene.boundaries import Boundary
 from ffsi.scene.errors import Problem, SceneError, join, names, nearest, short
 from ffsi.scene.flow import WOMERSLEY, Forces, Inflow, Inlet, with_mean_velocity
 from ffsi.scene.fluids import Fluid, PowerLaw
@@ -490,35 +488,3 @@ def _leaves(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, A
             yield from _leaves(value, key)
         else:
             yield key, value
-
-
-def boundaries(scene: Scene) -> list[Boundary]:
-    """Return the boundaries of the scene, sorted by label.
-
-    Vertices lie on the circles of all arcs; given displacements move mid-edge nodes of no-slip boundaries only.
-    """
-    found = scene.geometry.outline(scene.physics)
-    if scene.support is not None:
-        found = [replace(boundary, role="supported") if boundary.outer else boundary for boundary in found]
-    if scene.geometry.kind != "mesh":  # a mesh knows its own
-        found = [_told(scene, side) for side in found]
-    pressed = [name for name, inlet in scene.inlet.items() if inlet.pressure is not None]
-    found = [
-        replace(side, role="outlet") if side.role == "inlet" and side.opening in pressed else side for side in found
-    ]
-    return sorted(found, key=lambda boundary: boundary.label)
-
-
-def _told(scene: Scene, side: Boundary) -> Boundary:
-    """Return a boundary of a built-in geometry as the scene's tables by name say it is."""
-    name = side.name
-    match side.role:
-        case "no-slip" if name in scene.walls:
-            return replace(side, moving=name)
-        case "free" if name in scene.loads:
-            return replace(side, role="loaded", load=name)
-        case "inlet" if name in scene.inlet:
-            return replace(side, opening=name)
-        case "outlet" if name in scene.outlets:
-            return replace(side, opening=name)
-    return side
