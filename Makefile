@@ -66,6 +66,7 @@ verify-errors: setup
 bench: setup
 	@$(BIN)/python -m studies bench --repeat 3 --out results --readme docs/results.md
 	@$(BIN)/python -m studies bench --work-precision --repeat 3 --out results --readme results/speed.md
+	@$(BIN)/python -m studies bench --factors --repeat 3 --out results --readme results/speed.md
 	@$(BIN)/python -m studies bench --scenes --repeat 3 --out results --readme results/bench-scenes.md
 	@$(BIN)/python -m studies bench --mesh-motion --out results
 	@$(BIN)/python -m studies bench --unsteady --repeat 3 --out results --readme docs/results.md

@@ -46,6 +46,7 @@ BENCH: Kinds = {
     "": ("bench.steady", "main_levels", ("repeat", "out", "readme")),
     "--work-precision": ("bench.speed", "main_levels", ("repeat", "out", "readme")),
     "--peers": ("bench.speed", "main_peers", ("repeat", "out", "readme")),
+    "--factors": ("bench.factors", "main", ("repeat", "out", "readme")),
     "--scenes": ("bench.steady", "main_scenes", ("repeat", "out", "readme")),
     "--mesh-motion": ("bench.mesh_motion", "main", ("out",)),
     "--unsteady": ("bench.unsteady", "main", ("repeat", "runs", "out", "readme")),
@@ -92,6 +93,7 @@ def bench(
         bool, _option("work-precision", "Errors against processor time and unknowns instead (takes minutes).")
     ] = False,
     peers: Annotated[bool, _option("peers", "FSI1 beside NGSolve instead; `make bench-peers` installs it.")] = False,
+    factors: Annotated[bool, _option("factors", "FSI1 without each part of the method instead (a minute).")] = False,
     scenes: Annotated[
         bool, _option("scenes", "Cost ratios of every steady scene near 30 000 unknowns instead, and formulations.")
     ] = False,

@@ -113,18 +113,18 @@ def own(case: str, settings: Iterable[str]) -> tuple[float, Values]:
         return processor_time([sys.executable, "-m", "ffsi", "run", case, *flags, "--json", "--out", out])
 
 
-def script(case: str, settings: Iterable[str]) -> tuple[float, Values]:
-    """Run the script of a case without Python, in a temporary folder: it solves and writes, as the peer's does."""
+def script(path: Path, settings: Iterable[str]) -> tuple[float, Values]:
+    """Run a script without Python, in a temporary folder: it solves and writes, as the peer's does."""
     used = find_freefem()
     with tempfile.TemporaryDirectory(prefix="ffsi-bench-") as out:
         pairs = [setting.split("=") for setting in settings]
         flags = [part for key, value in pairs for part in (f"-{key.replace('.', '_')}", value)]
-        start: list[str | Path] = [used.binary, "-nw", "-ns", "-v", "0", SCRIPTS / f"{case}.edp"]
+        start: list[str | Path] = [used.binary, "-nw", "-ns", "-v", "0", path]
         done = measured([*start, *flags, "-out", out], used.environment())
-        path = Path(out) / folder.numbered(folder.POINT, 1)
-        if done.code or not path.is_file():
+        found = Path(out) / folder.numbered(folder.POINT, 1)
+        if done.code or not found.is_file():
             return done.seconds, {"failure": "crash", "reason": f"exit code {done.code}"}
-        return done.seconds, {**folder.read_json(path), "memory": done.memory}
+        return done.seconds, {**folder.read_json(found), "memory": done.memory}
 
 
 def peer(order: int, size: float, layers: int) -> tuple[float, Values]:
@@ -233,9 +233,10 @@ def main_peers(*, repeat: int = 1, out: Place = None, readme: Place = None) -> l
     if not PEER_PYTHON.is_file():
         raise InputError(f"there is no {PEER_PYTHON}; `make bench-peers` makes that environment, and measures")
     study = Study(repeated("bench --peers", repeat), out, readme, "peers")
+    both = partial(own, FSI1.case), partial(script, SCRIPTS / f"{FSI1.case}.edp")
     tasks: dict[tuple[str, Any], Task] = {
-        (name, mesh): partial(do, FSI1.case, settings)
-        for name, do in zip(PROGRAMS, (own, script), strict=False)
+        (name, mesh): partial(do, settings)
+        for name, do in zip(PROGRAMS, both, strict=False)
         for mesh, settings in OWN.items()
     }
     tasks |= {

@@ -15,10 +15,10 @@ from ffsi.files import folder
 from ffsi.files.errors import InputError
 from ffsi.run import watch
 from ffsi.scene import CASES, load_scene
-from studies.bench import mesh_motion, speed, steady
+from studies.bench import factors, mesh_motion, speed, steady
 from studies.bench import unsteady as bench
 from studies.bench.mesh_motion import MOTIONS, SWEEPS, Motion, Sweep, Track
-from studies.bench.speed import SAMPLES, Sample, alternating, processor_time, reference, row, within
+from studies.bench.speed import FSI1, SAMPLES, Sample, alternating, processor_time, reference, row, within
 from studies.bench.unsteady import FINEST, TIME_STEPS
 from studies.harness import Run, multiples, run_all
 from studies.tables import table
@@ -321,21 +321,27 @@ def solved(case, settings):
     return 1.0 + level, {"unknowns": 1000 * 2**level, "memory": 90.0 * 2**level, "failure": "", "quantities": values}
 
 
-@pytest.mark.parametrize(("block", "main"), [("work-precision", speed.main_levels), ("peers", speed.main_peers)])
+BLOCKS_OF_SPEED = [("work-precision", speed.main_levels), ("peers", speed.main_peers), ("factors", factors.main)]
+
+
+@pytest.mark.parametrize(("block", "main"), BLOCKS_OF_SPEED)
 def test_tables_and_pictures_are_written(block, main, tmp_path, monkeypatch):
     page = tmp_path / "speed.md"
     page.write_text(f"<!-- {block}:begin -->\n<!-- {block}:end -->\n")
     monkeypatch.setattr(speed, "own", solved)
-    monkeypatch.setattr(speed, "script", solved)
+    for module in (speed, factors):
+        monkeypatch.setattr(module, "script", lambda path, settings: solved(FSI1.case, settings or 2))
     monkeypatch.setattr(speed, "peer", lambda order, size, layers: solved("turek-fsi1", order))
     monkeypatch.setattr(speed, "PEER_PYTHON", page)
     assert set(main(out=tmp_path, readme=page)) == {""}
     frame = pd.read_csv(tmp_path / f"{block}.csv")
-    assert len(frame) == (26 if block == "work-precision" else 15)
-    assert (tmp_path / f"{block}.png").read_bytes().startswith(b"\x89PNG")
     text = page.read_text()
+    assert len(frame) == {"work-precision": 26, "peers": 15, "factors": 18}[block]
+    if block != "factors":
+        assert (tmp_path / f"{block}.png").read_bytes().startswith(b"\x89PNG")
     assert f"Written by `python -m studies bench --{block}`" in text
-    assert ("`flap-svk`, against the own finest level:" if block == "work-precision" else "| NGSolve |") in text
+    known = {"work-precision": "`flap-svk`, against the own finest level:", "peers": "| NGSolve |"}
+    assert known.get(block, "| coarse to fine | 4 | 1.00 |") in text
 
 
 def test_without_ngsolve_the_command_that_installs_it_is_named(tmp_path, monkeypatch):
