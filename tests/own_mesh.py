@@ -25,6 +25,7 @@ def write_mesh(path: Path, mesh: RawMesh, regions: Mapping[str, int], curves: Ma
 
 def scene_on(path: Path, boundaries: Mapping[str, Any], regions: Mapping[str, str], **tables: Any) -> Scene:
     geometry = {"kind": "mesh", "file": str(path), "regions": dict(regions), "boundaries": dict(boundaries)}
+    geometry |= {key: tables.pop(key) for key in ("inlets", "parts", "curved") if key in tables}
     return Scene.model_validate(
         {"name": "own", "geometry": geometry, "output": {"pictures": False, "vtu": False}, **tables}
     )

@@ -92,6 +92,7 @@ def problem_from_scene(scene: Scene) -> Problem:
                 _load(scene, b.load),
                 **_opening(scene, b),
                 displacement=_displacement(scene, b.moving),
+                curved=b.curved,
             )
             for b in boundaries(scene)
         ),

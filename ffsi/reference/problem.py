@@ -83,7 +83,8 @@ class Boundary:
     ``displacement`` those of a wall that the mesh follows to how far it is, metres; such a wall has common nodes.
     ``load`` is what acts on a loaded boundary besides the problem's traction; ``inflow`` and ``outlet`` are what one of
     several inlets or outlets has in the place of the problem's own, ``opening`` its name and the sign of a flow rate
-    out of the fluid; along the unit vector ``still`` nothing flows there.
+    out of the fluid; along the unit vector ``still`` nothing flows there. A no-slip wall that is ``curved`` runs along
+    the curve of its vertices.
     """
 
     name: str
@@ -98,6 +99,7 @@ class Boundary:
     opening: tuple[str, float] | None = None
     still: tuple[float, float] | None = None
     displacement: Callable[[Floats, float], Floats] | None = None
+    curved: bool = False
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from ffsi.files.arrays import Floats, Ints, RawMesh, RawState
 from ffsi.reference.conditions import Inflow, Load, Outlet
+from ffsi.reference.curves import off_chords
 from ffsi.reference.elements import Elements, gauss_rule, p2_basis
 from ffsi.reference.problem import FLUID_REGION, Boundary, Fluid, MeshMotion, Problem, Solid
 from ffsi.reference.slip import node_normals
@@ -294,6 +295,16 @@ def _conditions(problem: Problem, mesh: RawMesh, time: float | None, corner: Mas
                 _check_circle(boundary.name, boundary.circle, mesh.p2_coordinates[nodes[:, :2]])
             bent = nodes if problem.chords else nodes[:, 2:]
             u[bent] = _onto_circle(boundary.circle, mesh.p2_coordinates[bent])
+        elif boundary.role == "no-slip" and boundary.curved:
+            place_of = np.flatnonzero(mesh.label == boundary.label)
+            if not problem.chords:
+                u[nodes[:, 2]] = off_chords(mesh.vertices, mesh.edges[place_of])
+            else:  # the halves of an edge are as far apart in the list as there are edges of the mesh before
+                first, second = np.split(place_of, 2)
+                whole = np.column_stack([mesh.edges[first, 0], mesh.edges[second, 1]])
+                u[mesh.vertex_nodes[mesh.edges[first, 1]]] = way = off_chords(mesh.vertices, whole)
+                for half in (first, second):  # a parabola at its quarters
+                    u[mesh.edge_nodes[half, 2]] = 0.75 * way
         told[nodes] = boundary.motion is None
         if boundary.motion is not None:
             nodes = nodes.ravel()

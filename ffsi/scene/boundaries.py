@@ -21,10 +21,11 @@ class Boundary:
     """One labelled boundary of the reference domain.
 
     It has the length of the exact curve, m, and perhaps a body part, on which the fluid's force is reported. An arc has
-    a circle: centre x, y and radius, m; `curved` are vertices on other curves. The outer side of a wall is `supported`
-    instead of `free` in a scene with a support; a no-slip one may be `moving`, a loaded one have a `load`, one of
-    several inlets or outlets be an `opening`, as the tables of these names in the scene's `walls`, `loads`, `inlet` and
-    `outlet` say; an inlet with a pressure has the role `outlet`. Labels: docs/formats.md, roles: docs/theory.md.
+    a circle: centre x, y and radius, m; `curved` are vertices on other curves; no-slip ones are bent onto them. The
+    outer side of a wall is `supported` instead of `free` in a scene with a support; a no-slip one may be `moving`, a
+    loaded one have a `load`, one of several inlets or outlets be an `opening`, as the tables of these names in the
+    scene's `walls`, `loads`, `inlet` and `outlet` say; an inlet with a pressure has the role `outlet`. Labels:
+    docs/formats.md, roles: docs/theory.md.
     """
 
     name: str

@@ -214,6 +214,7 @@ def _context(scene: Scene, mumps: bool) -> dict[str, Any]:
         "slipInclined": [b.label for b in outline if b.label == SLIP],
         "circleLabels": [b.label for b in outline if b.circle],
         "bentLabels": [b.label for b in outline if b.circle and b.role == "no-slip"],
+        "curvedLabels": [b.label for b in outline if b.curved and b.role == "no-slip"],
         "inletLabels": _labels(outline, "inlet"),
         "outletLabels": _labels(outline, "outlet"),
         "doNothingLabels": _outlets_with(scene, outline, lambda each: each.kind != "zero-traction", pressed=True),
@@ -235,6 +236,8 @@ def _context(scene: Scene, mumps: bool) -> dict[str, Any]:
         needed |= {"slipAcrossX", "slipAcrossY"}
     if scene.point_forces:
         needed |= {"loadLabels"}
+    if labels["curvedLabels"]:
+        needed |= {"bentLabels"}
     if fluid:
         needed |= {"restingLabels", "interfaceLabels", "wallLabels"}
     if _straight_inlets(scene, outline, 0) + _straight_inlets(scene, outline, 1):
@@ -312,7 +315,8 @@ def _structure(scene: Scene, *, parts: bool, varying: bool) -> list[str]:
     pressed_inlets = any(inlet.pressure is not None for inlet in scene.inlet.values())
     pressed = outlet is not None and outlet.has_pressure and not pressed_inlets
     coupled, motion = scene.mesh_moves, scene.mesh_motion
-    bends = any(b.circle and b.role == "no-slip" for b in boundaries(scene))
+    curves = any(b.curved and b.role == "no-slip" for b in boundaries(scene))
+    bends = curves or any(b.circle and b.role == "no-slip" for b in boundaries(scene))
     found = {
         "inTime": time,
         "hasFluid": fluid,
@@ -332,6 +336,7 @@ def _structure(scene: Scene, *, parts: bool, varying: bool) -> list[str]:
         "hasGravity": scene.gravity,
         "hasSolidWeight": scene.gravity and solid,
         "hasBends": bends,
+        "hasCurves": curves,
         "hasSlip": any(b.role == "slip" for b in boundaries(scene)),
         "hasInclinedSlip": any(b.label == SLIP for b in boundaries(scene)),
         "hasMeanPressure": scene.level_is_given,

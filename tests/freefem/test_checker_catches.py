@@ -42,6 +42,7 @@ PRESSED = ("outlet.kind=pressure", "outlet.pressure=0.01")
 BEATING = {"waveform": "mca", "ramp": 0.3}
 
 SLOW = "inflow.mean_velocity=0.03"
+RIGID = scene_of("aneurysm", *(f"{key}=none" for key in ("solid.vessel", "solid.dome", "mesh_motion")))
 FSI1, CFD1 = scene_of("turek-fsi1"), scene_of("turek-cfd1")
 # At level 0 the far outlet has so few edges that its term may vanish by symmetry. A near one has several.
 NEAR = scene_of("turek-fsi1", "geometry.length=1")
@@ -70,7 +71,10 @@ MUTATIONS = {
     "Mooney-Rivlin, I1": (MOONEY, "factor *= -2./3.;", "factor *= 2./3.;"),
     "Mooney-Rivlin, I2": (MOONEY, "square *= -4./3.;", "square *= 4./3.;"),
     "Mooney-Rivlin, volume": (MOONEY, "work *= K; factor += work;", "work *= K; factor -= work;"),
-    "curved boundary": (CFD1, "bendY.resize(N2);", "bendX *= -1; bendY.resize(N2);"),
+    "circle": (CFD1, "bendY = BendY(0, Vh, tgv=1);", "bendY = BendY(0, Vh, tgv=1); bendX *= -1;"),
+    "curved boundary": (RIGID, "bendX += wayX;", "bendX -= wayX;"),
+    "its cubic": (RIGID, "middle = (at[2]+at[3])/2", "middle = (at[2]+at[3])/2.02"),
+    "end of a curved boundary": (RIGID, "(v[4] >= 0 || v[0] < 0 ? 1 : 0)", "1"),
     "drag": (CFD1, "forceX -= fluidMomentumX", "forceX += fluidMomentumX"),
     "wall beside the flap": (SVK, "'*stepTractionY; forceY", "'*stepTractionY; forceY *= -1; forceY"),
     "pressure": (channel(PRESSURE), *(f"= {sign}OutflowPressure(FlowRate(X));\n  WriteRaw" for sign in ("", "-"))),

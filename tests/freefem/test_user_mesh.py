@@ -19,7 +19,7 @@ from PIL import Image
 from structured import structured_mesh
 
 from ffsi.cli.main import main
-from ffsi.files.arrays import read_mesh
+from ffsi.files.arrays import read_mesh, read_state
 from ffsi.freefem import FreeFEMError
 from ffsi.hemodynamics.result import load_result
 from ffsi.result.domain import intended, meshed
@@ -120,13 +120,46 @@ def test_steady(vessel, tmp_path) -> None:
 
 
 def test_levels(vessel, tmp_path) -> None:
-    out = tmp_path / "fine"
-    assert (
-        run("run", vessel / "scene.toml", "--set", "mesh.level=1", "--set", "output.pictures=false", "--out", out) == 0
-    )
+    """With the rigid inner wall bent onto its arc: one of the two sides of the flow, the other one is elastic."""
+    out, settings = tmp_path / "fine", ("mesh.level=1", "output.pictures=false", 'geometry.curved="walls"')
+    assert run("run", vessel / "scene.toml", *(f"--set={each}" for each in settings), "--out", out) == 0
     assert largest_check(out) < 1e-8
+    mesh = read_mesh(out / "mesh.bin")
+    nodes = (read_state(out / "point-0001.bin", mesh).u + mesh.p2_coordinates)[mesh.edge_nodes[mesh.label == 3]]
+    assert np.abs(np.hypot(*nodes.reshape(-1, 2).T) / 6e-3 - 1).max() < 1e-5
     coarse = len(load_scene(vessel / "scene.toml").geometry._mesh.triangles)
     assert json.loads((out / "result.json").read_text())["triangles"] == 4 * coarse
+
+
+def ring(folder: Path, along: int, across: int, curved: list[str] | None, level: int = 0) -> Scene:
+    """Return a quarter of a ring with unevenly long edges, through which a pressure drives a fluid without inertia."""
+    sides = lambda x, y: 1 + (x == 1) if x in (0, 1) else 3 + (y > 1)  # noqa: E731
+    mesh = structured_mesh(np.linspace(0, 1, along + 1), np.linspace(1, 1.5, across + 1), lambda x, y: 1, sides)
+    s, r = mesh.vertices.T
+    angle = np.pi / 2 * s + 0.05 * np.sin(np.pi * s) - 0.015 * np.sin(2 * np.pi * s)
+    mesh.vertices[:] = np.column_stack([r * np.sin(angle), r * np.cos(angle)])
+    path = write_mesh(folder / "ring.msh", mesh, {"all": 1}, {"in": 1, "out": 2, "inner": 3, "outer": 4})
+    ends = {name: {"pressure": value, "direction": "normal"} for name, value in (("a", 1.0), ("b", 0.0))}
+    return scene_on(path, {"walls": ["inner", "outer"]}, {"fluid": "all"}, inlets={"a": "in", "b": "out"},
+        parts={"outer": "outer"}, curved=curved, inlet=ends, fluid={"density": 1e-9, "viscosity": 0.1},
+        mesh={"level": level})  # fmt: skip
+
+
+def test_flow_between_arcs(tmp_path) -> None:
+    """The flow rate between polygons is off by the second order, between their curves by the fourth one."""
+    wide, narrow = 1.5**2, 1.0
+    exact = 2 / np.pi / 0.1 * ((wide - narrow) / 8 - wide * narrow * math.log(wide / narrow) ** 2 / 8 / (wide - narrow))
+
+    def error(*sizes: int, curved: bool = True) -> float:
+        scene = ring(tmp_path, *sizes[:2], ["walls", "outer"] if curved else None, *sizes[2:])
+        result = solve(scene, tmp_path / "out", error=True)
+        assert result.checked and result.data["check"]["errors_difference"] < 1e-6
+        return abs(result.quantities["flow_through_a"] / exact - 1)
+
+    assert error(6, 4) < 0.1 * error(6, 4, curved=False) and error(12, 8) < error(6, 4) / 14
+    assert error(6, 4, 1) < error(6, 4) / 10
+    with pytest.raises(FreeFEMError, match=r"at \(.*\) m a triangle beside the curved boundary would be turned"):
+        solve(ring(tmp_path, 6, 64, ["walls"]), tmp_path / "out")
 
 
 def test_in_time(vessel, tmp_path) -> None:

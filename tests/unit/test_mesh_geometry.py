@@ -168,7 +168,8 @@ def test_another_mesh_is_another_scene(scene, tmp_path) -> None:
 @pytest.mark.parametrize("parts", [{}, {"stent": "inner"}])
 def test_the_run_folder_holds_all(parts, tmp_path, monkeypatch) -> None:
     write_scene(tmp_path)
-    scene, run = of_table(tmp_path, parts=parts), tmp_path / "run"
+    scene, run = of_table(tmp_path, parts=parts, curved=list(parts) or ["walls"]), tmp_path / "run"
+    assert [b.name for b in boundaries(scene) if b.curved] == [*(parts or ["walls"])] and scene != of_table(tmp_path)
     run.mkdir()
     (run / "scene.toml").write_text(stored(scene, run).to_toml())
     for path in tmp_path.glob("*.*"):
@@ -188,6 +189,27 @@ def test_parts(tmp_path) -> None:
     assert found[40] == ("core", "no-slip", "core") and found[5] == ("interface", "interface", None) and 3 not in found
     both = of_table(tmp_path, parts={"core": "inner", "skin": "interface"})
     assert [(b.label, b.part) for b in boundaries(both) if b.part] == [(40, "core"), (41, "skin")]
+
+
+KINKED = r"turns by (\d\d) degrees: neither a smooth curve nor a corner; .* in geometry.parts"
+
+
+@pytest.mark.parametrize(
+    ("curved", "shift", "text"),
+    [("waals", 0.0, r'no such wall; accepted: rigid ones by their names, "walls".*did you mean "walls"'),
+     (["walls", "wall"], 0.0, "no such wall"), ("wall", 0.0, "no such wall"), ("walls", 0.2, KINKED),
+     ("walls", -0.9, KINKED), ("walls", None, "is straight"), (3, 0.0, "no such wall"),
+     ([], 0.0, "accepted: the name of a wall")],
+)  # fmt: skip
+def test_no_curve(curved, shift, text, tmp_path) -> None:
+    drawing = vessel()
+    if shift is None:
+        drawing.points[::5] = np.linspace(drawing.points[0], drawing.points[30], 7)  # the inner wall
+    else:
+        drawing.points[15] *= 1 + shift / 10  # in its middle
+    write_scene(tmp_path, drawing=drawing)
+    with pytest.raises(SceneError, match=text):
+        of_table(tmp_path, curved=curved)
 
 
 def test_rigid_vessel(tmp_path) -> None:

@@ -51,10 +51,16 @@ class _GroupNames(Checked):
         return {"anyOf": [one, {"type": "array", "items": one, "minItems": 1}]}
 
 
+class _WallNames(_GroupNames):
+    """Names that walls have in the scene, one or a list."""
+
+    accepted = "the name of a wall, or a list of them"
+
+
 # A single name is written without a list.
-GroupNames = Annotated[
-    tuple[str, ...], _GroupNames(), PlainSerializer(lambda names: names[0] if len(names) == 1 else names)
-]
+_PLAIN = PlainSerializer(lambda names: names[0] if len(names) == 1 else names)
+GroupNames = Annotated[tuple[str, ...], _GroupNames(), _PLAIN]
+WallNames = Annotated[tuple[str, ...], _WallNames(), _PLAIN]
 
 
 class MeshBoundaries(Table):
@@ -124,6 +130,11 @@ class MeshGeometry(ChannelGeometry):
         default_factory=dict,
         description="several outlets by name, with the tables `outlet.NAME`; a name in `boundaries.outlet` that has "
         "such a table is moved here",
+    )
+    curved: WallNames | None = Field(
+        None,
+        description="rigid walls whose vertices lie on curves, which their edges are bent onto: names of `parts`, "
+        '`moving`, or "walls", which are the other ones; corners must turn by more than 75 degrees',
     )
     tip: Point | None = Field(
         None,
@@ -221,6 +232,7 @@ class MeshGeometry(ChannelGeometry):
             tuple(self.loads.items()),
             tuple(self.inlets.items()),
             tuple(self.outlets.items()),
+            self.curved or (),
         )
 
     def __eq__(self, other: object) -> bool:

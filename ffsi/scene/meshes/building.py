@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
 
@@ -30,7 +30,7 @@ from ffsi.scene.boundaries import (
 )
 from ffsi.scene.errors import Problem, SceneError, count, fault, names, place, short
 from ffsi.scene.meshes import topology as checks
-from ffsi.scene.meshes.curves import FLUID, PARALLEL, ROLES, Curves, Naming, Part, chosen_groups
+from ffsi.scene.meshes.curves import FLUID, PARALLEL, ROLES, Curves, Naming, Part, chosen_groups, refuse_uncurved
 from ffsi.scene.meshes.reading import MeshFile, read_mesh_file
 from ffsi.scene.meshes.topology import Flags, Topology, cross
 
@@ -156,6 +156,11 @@ def _domain_mesh(path: Path, unit: str, metres: float, naming: Naming, _: tuple[
         directions = np.zeros((piece.max() + 1, 2, 2))
         np.add.at(directions, number_of[owner[of_solid]], along[of_solid, :, None] * along[of_solid, None, :])
         held[solid] |= np.linalg.eigvalsh(directions)[piece, 0] > PARALLEL
+    meant = {
+        value: _boundary(value, parts, naming, float(lengths[label[chosen] == value].sum()))
+        for value in np.unique(label[chosen]).tolist()
+    }
+    bent = refuse_uncurved(naming.curved, {b.name: v for v, b in meant.items() if b.role == "no-slip"}, curves, label)
     return DomainMesh(
         vertices=vertices,
         triangles=topology.triangles,
@@ -163,10 +168,7 @@ def _domain_mesh(path: Path, unit: str, metres: float, naming: Naming, _: tuple[
         edges=edges,
         label=label[chosen],
         areas={name: float(areas[region == number].sum()) for name, number in by_number},
-        boundaries=tuple(
-            _boundary(value, parts, naming, float(lengths[label[chosen] == value].sum()))
-            for value in np.unique(label[chosen]).tolist()
-        ),
+        boundaries=tuple(replace(b, curved=value in bent) for value, b in meant.items()),
         inlets={
             name: _inlet(
                 vertices, edges[label[chosen] == number], unit, metres, f"inlets.{name}" if name else "boundaries.inlet"
@@ -347,4 +349,5 @@ def stored_naming(mesh: DomainMesh, naming: Naming) -> Naming:
         tuple((name, tuple(str(e.label) for e in mesh.boundaries if e.load == name)) for name, _ in naming.loads),
         tuple((name, (str(number),)) for number, (name, _) in enumerate(naming.inlets, start=INLETS)),
         tuple((name, (str(number),)) for number, (name, _) in enumerate(naming.outlets, start=OUTLETS)),
+        naming.curved,
     )

@@ -38,6 +38,12 @@ PARALLEL = 1e-9
 """Largest sine of the angle between an axis and an edge that is parallel to it."""
 BEND = 1e-8
 """Largest sine of the angle between two edges of a straight piece."""
+SMOOTH, CORNER = 30.0, 75.0
+"""Largest turn, degrees, between two edges of a curve, and smallest one at a corner: between them it may be either."""
+STRAIGHT = 0.1
+"""Largest turn, degrees, in walls that have no curve: what rounding makes of them is none."""
+KINK = 2.0, 4.0
+"""A turn (degrees) of more, and so many times the curvature at both vertices beside it, are a corner, too."""
 
 
 class RoleOf(NamedTuple):
@@ -79,6 +85,7 @@ class Naming(NamedTuple):
     loads: tuple[tuple[str, Names], ...] = ()
     inlets: tuple[tuple[str, Names], ...] = ()
     outlets: tuple[tuple[str, Names], ...] = ()
+    curved: Names = ()
 
     @property
     def numbers(self) -> dict[str, int]:
@@ -113,6 +120,40 @@ def chosen_groups(
         else:
             problems.append(Problem(key, f"no such {noun}; {holds}", short(name), nearest(str(name), titles)))
     return found
+
+
+def refuse_uncurved(wanted: Names, walls: dict[str, int], curves: Curves, label: Ints) -> list[int]:
+    """Return the labels of the walls that are to be bent; refuse unknown ones, and vertices that lie on no curve."""
+    problems: list[Problem] = []
+    for name in wanted:
+        if name not in walls:
+            text = f"no such wall; accepted: rigid ones by their names, {names(walls) or 'but there is none'}"
+            problems.append(Problem("curved", text, short(name), nearest(name, walls)))
+            continue
+        edges = curves.directed[label == walls[name]]
+        along = np.diff(curves.topology.points[edges], axis=1)[:, 0]
+        length, first = np.hypot(*along.T), {vertex: i for i, vertex in enumerate(edges[:, 0].tolist())}
+        pairs = np.array([(i, first[v]) for i, v in enumerate(edges[:, 1].tolist()) if v in first]).reshape(-1, 2)
+        a, b = along[pairs.T]
+        turn = np.degrees(np.abs(np.arctan2(cross(a, b), (a * b).sum(axis=1))))
+        curvature = np.full(len(edges) + 1, np.nan)  # at the start of each edge, none at ends and corners
+        curvature[pairs[:, 1]] = np.where(turn < CORNER, turn / length[pairs].sum(axis=1), np.nan)
+        before, after = np.full((2, len(edges)), len(edges))
+        before[pairs[:, 1]], after[pairs[:, 0]] = pairs.T
+        beside = np.fmax(curvature[before[pairs[:, 1]]], curvature[after[pairs[:, 1]]])
+        kink = (turn > SMOOTH) | ((turn > KINK[0]) & (curvature[pairs[:, 1]] > KINK[1] * beside))
+        if (bad := np.flatnonzero(kink & (turn < CORNER))).size:
+            where = place(curves.topology.points[edges[pairs[bad[0], 1], 0]], curves.topology.unit)
+            text = f"at {where} it turns by {turn[bad[0]]:.0f} degrees: neither a smooth curve nor a corner"
+            text += (
+                f"; accepted: at most {SMOOTH:.0f} degrees on a curve, as its neighbours do, {CORNER:.0f} at corners"
+            )
+            problems.append(Problem("curved", f"{text}; pieces of it apart in geometry.parts", short(name)))
+        elif not turn.max(initial=0.0, where=turn < CORNER) > STRAIGHT:
+            problems.append(Problem("curved", "is straight; accepted: walls with a curved piece", short(name)))
+    if problems:
+        raise SceneError(problems)
+    return [walls[name] for name in wanted]
 
 
 class Curves:
