@@ -24,6 +24,8 @@ def test_the_tolerance_is_met(tmp_path):
         assert abs(found - value) <= errors[name]["bar"] + 1e-4 * abs(value), name
         assert errors[name]["bar"] <= 5e-3 * abs(found), name
     assert rounds[0]["quantities"]["tip_uy"]["bar"] > 10 * errors["tip_uy"]["bar"]
+    # The sum of the shares' sizes is 0.0186 N/m; a twentieth of it is in the bar.
+    assert errors["drag"]["bar"] - 2 * abs(errors["drag"]["estimate"]) == pytest.approx(0.05 * 0.0186, rel=0.1)
 
 
 def test_the_unknowns_are_not_exceeded_and_the_tolerance_is_said_to_be_missed(tmp_path):
