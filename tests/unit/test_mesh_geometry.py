@@ -8,7 +8,7 @@ import meshio
 import numpy as np
 import pytest
 import tomli_w
-from vessel_meshes import CURVES, INNER, LUMEN, OUTER, TURN, WALL_REGION, scene_table, vessel, write_scene
+from vessel_meshes import CURVES, INNER, LUMEN, OUTER, TURN, scene_table, vessel, write_scene
 
 from ffsi.cli.main import main
 from ffsi.result.study_definition import define
@@ -165,19 +165,24 @@ def test_another_mesh_is_another_scene(scene, tmp_path) -> None:
     assert load_scene(tmp_path / "scene.toml") != scene
 
 
+def written(scene: Scene, run: Path) -> Path:
+    run.mkdir()
+    (run / "scene.toml").write_text(stored(scene, run).to_toml())
+    return run / "scene.toml"
+
+
 @pytest.mark.parametrize("parts", [{}, {"stent": "inner"}])
 def test_the_run_folder_holds_all(parts, tmp_path, monkeypatch) -> None:
     write_scene(tmp_path)
-    scene, run = of_table(tmp_path, parts=parts, curved=list(parts) or ["walls"]), tmp_path / "run"
+    scene = of_table(tmp_path, parts=parts, curved=list(parts) or ["walls"])
     assert [b.name for b in boundaries(scene) if b.curved] == [*(parts or ["walls"])] and scene != of_table(tmp_path)
-    run.mkdir()
-    (run / "scene.toml").write_text(stored(scene, run).to_toml())
-    for path in tmp_path.glob("*.*"):
-        path.unlink()
+    path = written(scene, run := tmp_path / "run")
+    for each in tmp_path.glob("*.*"):
+        each.unlink()
     monkeypatch.chdir(run.parent)
-    again = load_scene(run / "scene.toml")
+    again = load_scene(path)
     assert again == scene and again.geometry.file == str(run / STORED)
-    assert stored(again, run).to_toml() == (run / "scene.toml").read_text() and render(again) == render(scene)
+    assert stored(again, run).to_toml() == path.read_text() and render(again) == render(scene)
     for array in ("vertices", "triangles", "region", "edges", "label"):
         np.testing.assert_array_equal(getattr(again.geometry._mesh, array), getattr(scene.geometry._mesh, array))
 
@@ -212,48 +217,33 @@ def test_no_curve(curved, shift, text, tmp_path) -> None:
         of_table(tmp_path, curved=curved)
 
 
-def test_rigid_vessel(tmp_path) -> None:
+ALONE = {  # region, its boundaries, physics, labels and roles
+    "fluid": ("lumen", {"inlet": 11, "outlet": 12, "walls": ["inner", "interface"]},
+        [(1, "inlet"), (2, "outlet"), (40, "no-slip")]),
+    "solid": ("wall", {"clamped": "ends", "loaded": "outside"}, [(6, "clamped"), (7, "free"), (12, "loaded")]),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("physics", ALONE)
+def test_rigid_vessel_and_wall_under_a_load(physics, tmp_path) -> None:
+    region, outline, found = ALONE[physics]
     drawing = vessel()
-    keep = drawing.region != WALL_REGION
+    keep = drawing.region == drawing.names[region][0]
     drawing.triangles, drawing.region = drawing.triangles[keep], drawing.region[keep]
-    keep = ~np.isin(drawing.curve, (CURVES["ends"], CURVES["outside"]))
+    keep = np.isin(drawing.lines, drawing.triangles).all(axis=1)
     drawing.lines, drawing.curve = drawing.lines[keep], drawing.curve[keep]
-    drawing.write(tmp_path / "vessel.msh")
-    outline = {"inlet": 11, "outlet": 12, "walls": ["inner", "interface"]}
-    table = scene_table(regions={"fluid": "lumen"}, boundaries=outline)
-    del table["solid"]
-    (tmp_path / "scene.toml").write_text(tomli_w.dumps(table))
-    scene = load_scene(tmp_path / "scene.toml")
-    assert scene.physics == "fluid" and scene.tip is None
-    assert [(b.label, b.part) for b in boundaries(scene)] == [(1, None), (2, None), (40, "walls")]
-
-
-def test_wall_alone_under_a_load(tmp_path) -> None:
-    drawing = vessel()
-    keep = drawing.region == WALL_REGION
-    drawing.triangles, drawing.region = drawing.triangles[keep], drawing.region[keep]
-    drawing.lines, drawing.curve = drawing.lines[drawing.curve >= 14], drawing.curve[drawing.curve >= 14]
-    drawing.write(tmp_path / "vessel.msh")
-    table = scene_table(regions={"wall": "wall"}, boundaries={"clamped": "ends", "loaded": "outside"})
-    table = {key: value for key, value in table.items() if key not in ("fluid", "inflow", "outlet")}
-    (tmp_path / "scene.toml").write_text(tomli_w.dumps(table | {"traction": {"x": 5}}))
-    scene = load_scene(tmp_path / "scene.toml")
-    assert scene.physics == "solid"
-    assert [(b.label, b.role) for b in boundaries(scene)] == [(6, "clamped"), (7, "free"), (12, "loaded")]
+    table = scene_table(regions={"fluid" if physics == "fluid" else "wall": region}, boundaries=outline)
+    for key in ("solid",) if physics == "fluid" else ("fluid", "inflow", "outlet"):
+        del table[key]
+    scene = load_scene(write_scene(tmp_path, table | ({"traction": {"x": 5}} if physics == "solid" else {}), drawing))
+    assert scene.physics == physics and [(b.label, b.role) for b in boundaries(scene)] == found
 
 
 def test_a_support_holds_the_wall(tmp_path) -> None:
-    vessel().write(tmp_path / "vessel.msh")
-    outline = {**scene_table()["geometry"]["boundaries"], "supported": "outside"}
-    del outline["clamped"]
-    table = scene_table(boundaries=outline) | {"support": {"stiffness": "1 MPa/m"}}
-    (tmp_path / "scene.toml").write_text(tomli_w.dumps(table))
-    scene = load_scene(tmp_path / "scene.toml")
+    outline = {"inlet": "in", "outlet": "out", "walls": "inner", "supported": "outside"}
+    scene = load_scene(write_scene(tmp_path, scene_table(boundaries=outline) | {"support": {"stiffness": "1 MPa/m"}}))
     assert [(b.label, b.role) for b in boundaries(scene) if b.label in (7, 16)] == [(7, "free"), (16, "supported")]
-    run = tmp_path / "run"
-    run.mkdir()
-    (run / "scene.toml").write_text(stored(scene, run).to_toml())
-    assert load_scene(run / "scene.toml") == scene
+    assert load_scene(written(scene, tmp_path / "run")) == scene
 
 
 def test_levels(scene, tmp_path) -> None:
@@ -314,6 +304,7 @@ def test_no_name_of_a_solid_makes_an_identifier_twice(timed, tmp_path) -> None:
     table = scene_table(
         regions={"fluid": "lumen", "zz": "wall"},
         parts={"pp": "inner", "rr": "interface"},
+        curved="pp",
         probes={"qq": {"x": "12 mm", "y": "6 mm"}},
     )
     (solid,) = table["solid"].values()
