@@ -45,15 +45,13 @@ def test_the_checker_makes_its_own_estimate_and_catches_a_wrong_one(estimated):
     result = estimated("turek-fsi1", "mesh.level=0")
     assert result.checked and result.data["check"]["errors_difference"] < 1e-6
     path = result.directory / "errors-0001.json"
+    text = path.read_text()
     for name, part, factor in (("drag", "estimate", 1.0001), ("lift", "bar", 0.2)):
-        errors = json.loads(path.read_text())
-        was = errors["errors"][name][part]
+        errors = json.loads(text)
         errors["errors"][name][part] *= factor
         path.write_text(json.dumps(errors))
         (failure,) = check_run(result.directory, result.scene).failures
         assert failure.startswith("errors_difference") and name in failure
-        errors["errors"][name][part] = was
-        path.write_text(json.dumps(errors))
 
 
 def test_the_chain_goes_on_from_the_coarse_mesh(tmp_path, solved):
