@@ -22,7 +22,7 @@ from ffsi.reference.quantities import Difference, Quantity, at_outlet, compare, 
 from ffsi.reference.relative import largest, relative
 from ffsi.reference.residual import compute_residual
 from ffsi.reference.sensitivities import derivatives, flattened
-from ffsi.reference.sizes import reference_pressure
+from ffsi.reference.sizes import reference_pressure, travelled
 from ffsi.reference.slip import across
 from ffsi.reference.start import start_difference
 from ffsi.reference.step import Step
@@ -306,7 +306,7 @@ def _badness(number: float) -> float:
 def _dirichlet(system: System, state: RawState) -> float:
     """Largest deviation from the prescribed u, v, p, ps, each relative to its own scale."""
     rows, old = system.rows, system.increment.old if system.increment is not None else state
-    so_far = (*_travelled(system), 0.0, 0.0)
+    so_far = (*travelled(system, terms=True), 0.0, 0.0)
     fields = zip(state.fields, rows.prescribed.fields, rows.given, old.fields, so_far, strict=True)
     sliding = ((state.u, rows.u_normal), (state.v, rows.v_normal))
     off = [relative(*(largest(np.abs(part).ravel()) for part in (across(*each), each[0]))) for each in sliding]
@@ -314,18 +314,6 @@ def _dirichlet(system: System, state: RawState) -> float:
         size = largest([abs(level), *np.abs(state.p)])
         off.append(relative(abs(reference_pressure(system.fluid, state) - level), size))
     return largest([*(_deviation(*each) for each in fields), *off])
-
-
-def _travelled(system: System) -> list[float]:
-    """Largest u, v so far of walls that the mesh follows: where they come back the terms of their motion cancel."""
-    mesh, increment = system.mesh, system.increment
-    moving = [(b.label, b.displacement, b.motion) for b in system.problem.boundaries if b.displacement and b.motion]
-    if increment is None or not moving:
-        return [0.0, 0.0]
-    times = np.linspace(0.0, increment.step.time, 33).tolist()
-    points = {label: mesh.p2_coordinates[np.unique(mesh.edge_nodes[mesh.label == label])] for label, *_ in moving}
-    values = [[np.abs(of(points[label], t)).max() for of in (u, v)] for label, u, v in moving for t in times]
-    return [largest(column) for column in zip(*values, strict=True)]
 
 
 def _deviation(values: Floats, prescribed: Floats, given: Mask, old: Floats, so_far: float = 0.0) -> float:

@@ -93,6 +93,7 @@ def problem_from_scene(scene: Scene) -> Problem:
                 **_opening(scene, b),
                 displacement=_displacement(scene, b.moving),
                 curved=b.curved,
+                sampled=_sampled(scene, b.moving),
             )
             for b in boundaries(scene)
         ),
@@ -248,6 +249,11 @@ def _displacement(scene: Scene, name: str | None) -> Callable[[Floats, float], F
         return np.column_stack([f.evaluate(x=points[:, 0], y=points[:, 1], t=time) for f in formulas])
 
     return displacement
+
+
+def _sampled(scene: Scene, name: str | None) -> float:
+    samples = scene.walls[name].displacement_samples if name is not None else None
+    return samples.at[-1] if samples is not None else 0.0
 
 
 def _spline(samples: Motion) -> CubicSpline:

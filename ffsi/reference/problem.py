@@ -80,7 +80,8 @@ class Boundary:
     """Edges of one label: their role, the body part they belong to, and the circle (cx, cy, r) they approximate.
 
     ``motion`` maps points (n, 2) of a no-slip wall that moves and the time to its velocities (n, 2), metres per second,
-    ``displacement`` those of a wall that the mesh follows to how far it is, metres; such a wall has common nodes.
+    ``displacement`` those of a wall that the mesh follows to how far it is, metres; such a wall has common nodes. If
+    it is a spline through samples up to the time ``sampled``, seconds, its terms cancel at all times.
     ``load`` is what acts on a loaded boundary besides the problem's traction; ``inflow`` and ``outlet`` are what one of
     several inlets or outlets has in the place of the problem's own, ``opening`` its name and the sign of a flow rate
     out of the fluid; along the unit vector ``still`` nothing flows there. A no-slip wall that is ``curved`` runs along
@@ -100,6 +101,7 @@ class Boundary:
     still: tuple[float, float] | None = None
     displacement: Callable[[Floats, float], Floats] | None = None
     curved: bool = False
+    sampled: float = 0.0
 
 
 @dataclass(frozen=True)

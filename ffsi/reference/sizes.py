@@ -50,18 +50,35 @@ def reference_pressure(fluid: FluidPart, state: RawState) -> float:
     return float(elements.area @ state.p[elements.vertices].mean(axis=1) / elements.area.sum())
 
 
+def travelled(system: System, *, terms: bool = False) -> list[float]:
+    """Largest u, v so far of walls that the mesh follows; with ``terms`` of what cancels in them.
+
+    That is no less: where a wall comes back the terms of its motion cancel, those of a spline from the start.
+    """
+    mesh, increment = system.mesh, system.increment
+    values = [[0.0, 0.0]]
+    for b in system.problem.boundaries:
+        if increment is not None and b.displacement and b.motion:
+            points = mesh.p2_coordinates[np.unique(mesh.edge_nodes[mesh.label == b.label])]
+            end = max(increment.step.time, b.sampled if terms else 0.0)
+            for t in np.linspace(0.0, end, 33).tolist():
+                values.append([float(np.abs(of(points, t)).max()) for of in (b.displacement, b.motion)])
+    return [largest(column) for column in zip(*values, strict=True)]
+
+
 def unknown_sizes(system: System, state: RawState) -> tuple[float, float, float, float]:
     """Sizes of u, v, p and ps, in their units; zero where nothing gives one.
 
-    Of v the largest velocity V of the fields and of the displacement, the mean velocity of the inflow at least; of u
-    its way V k in a step, or the extent of a steady scene; of p the largest pressure, rho V^2 at least, and of ps that
-    or its own largest.
+    Of v the largest velocity V of the fields and of the displacement, the mean velocity of the inflow and that so far
+    of walls that the mesh follows at least; of u its way V k in a step, or the extent of a steady scene; of p the
+    largest pressure, rho V^2 at least, and of ps that or its own largest.
     """
     densities = [part.law.density for part in ([system.fluid] if system.fluid else []) + list(system.solids.values())]
     states, speeds = [state], [abs(system.problem.mean_velocity or 0.0)]
     way = float(np.ptp(system.mesh.vertices, axis=0).max())
     if (increment := system.increment) is not None:
         states.append(increment.old)
+        speeds.append(travelled(system)[1])
         speeds.append(float(np.abs((state.u - increment.old.u) / increment.step.k).max()))
     speed = largest([*speeds, *(float(np.abs(each.v).max()) for each in states)])
     if increment is not None:

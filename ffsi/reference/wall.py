@@ -13,6 +13,7 @@ from ffsi.files.arrays import Floats, Ints, RawState
 from ffsi.files.cycles import WallCycle
 from ffsi.reference.forces import side_flow
 from ffsi.reference.relative import largest, relative
+from ffsi.reference.sizes import ROUNDING, largest_on
 from ffsi.reference.system import System
 
 _SAME = 1e-9
@@ -20,10 +21,14 @@ _SAME = 1e-9
 
 @dataclass(frozen=True)
 class WallShear:
-    """Shear stress (n, 2) pascals at the P2 ``nodes`` (n,) in the middles of the edges that fluid and walls share."""
+    """Shear stress (n, 2) pascals at the P2 ``nodes`` (n,) in the middles of the edges that fluid and walls share.
+
+    Below the ``least`` one, pascals, a scale is rounding of what cancels in a plug flow.
+    """
 
     nodes: Ints
     stress: Floats
+    least: float = 0.0
 
     @property
     def size(self) -> Floats:
@@ -37,7 +42,7 @@ class WallShear:
         """
         if (order := _order(nodes, self.nodes)) is None:
             return np.inf
-        return relative(largest(np.abs(stress[order] - self.stress).ravel()), float(self.size.max()))
+        return relative(largest(np.abs(stress[order] - self.stress).ravel()), max(float(self.size.max()), self.least))
 
 
 def wall_shear(system: System, state: RawState) -> WallShear | None:
@@ -54,7 +59,9 @@ def wall_shear(system: System, state: RawState) -> WallShear | None:
     viscosity = flow.viscosity(system.fluid.law.viscosity)[..., None]
     traction = viscosity * np.einsum("nqij,nqj->nqi", flow.doubled_deformation_rate, normal)
     across = np.einsum("nqi,nqi->nq", traction, normal)[..., None] * normal
-    return WallShear(sides.nodes[:, 2], (traction - across)[:, 0])
+    rate = (largest_on(state.v, system.fluid.elements) / np.sqrt(system.fluid.elements.area))[sides.element]
+    least = ROUNDING * float((viscosity[:, 0, 0] * rate).max())
+    return WallShear(sides.nodes[:, 2], (traction - across)[:, 0], least)
 
 
 def _order(nodes: Ints, wanted: Ints) -> Ints | None:

@@ -7,7 +7,7 @@ from own_mesh import scene_on, write_mesh
 from structured import structured_mesh
 
 from ffsi.run.one_scene import solve
-from ffsi.scene import SceneError
+from ffsi.scene import SceneError, with_values
 
 DENSITY, YOUNG, LENGTH, K = 2.0, 50.0, 2.0, 0.02
 WAVE = np.pi / (2 * LENGTH)
@@ -53,6 +53,14 @@ def test_a_bar_decays_as_an_oscillator(damping, rate, tmp_path):
     history = result.history
     total = history["kinetic"] + history["elastic"] + history["dissipated"] - history["work"]
     assert np.ptp(total[2:]) < 1e-5 * np.abs(history["elastic"]).max()
+
+
+def test_a_bar_that_has_come_to_rest_is_checked(tmp_path):
+    """What is left of its motion is solved to round-off of itself, not of the fastest."""
+    scene = with_values(bar(tmp_path, viscosity=20.0), {"time.end": 9.0, "time.output_interval": 1.0})
+    result = solve(scene, tmp_path / "run")
+    assert result.checked
+    assert np.abs(result.history["tip_ux"].iloc[-1]) < 1e-16
 
 
 def test_a_bar_pulled_against_a_spring(tmp_path):
