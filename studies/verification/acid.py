@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 from scipy.optimize import brentq, curve_fit
 
 from ffsi.report.curves import dress
+from ffsi.result.oscillation import mean_amplitude_frequency
 from ffsi.result.pictures import to_small_png
 from ffsi.result.views import INK
 from studies.harness import Content, Run, Study, run_one, side_by_side
@@ -49,6 +50,19 @@ def extreme(kind: str, column: str, start: float = 0.0, end: float = math.inf) -
     def pick(history: pd.DataFrame) -> float:
         first = start if start >= 0 else history["time"].max() + start * (1 - 1e-9)
         return float(history.loc[history["time"].between(first, end), column].agg(kind))
+
+    return pick
+
+
+def late(rule: str, column: str, start: float) -> Pick:
+    """Return what picks the mean `amplitude` or `frequency` of the full periods after a time."""
+
+    def pick(history: pd.DataFrame) -> float:
+        found: list[float] = []
+        while (last := mean_amplitude_frequency(history["time"], history[column])).start >= start:
+            found.append(last.amplitude if rule == "amplitude" else 1 / (last.end - last.start))
+            history = history[history["time"] < last.start + 0.3 * (last.end - last.start)]
+        return float(np.mean(found)) if found else math.nan
 
     return pick
 
@@ -148,6 +162,8 @@ def pick_of(row: Any) -> Pick:
         return swing(*MODES[int(row.runs.split("-")[1])], int(row.rule == "sigma"))
     if row.rule in ("history", "outline"):
         return worst(row.runs, row.column, PEAK) if row.rule == "history" else above_outline
+    if row.rule in ("amplitude", "frequency"):
+        return late(row.rule, row.column, row.start)
     return extreme(row.rule, row.column, row.start, row.end)
 
 

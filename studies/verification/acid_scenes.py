@@ -36,6 +36,8 @@ def _of_series(
 ) -> Iterator[tuple[str, Scene]]:
     n, step, more = series.get("n", 0), series.get("step", 0.0), series.get("more", {})
     plan = [(m, 0.0) for m in series.get("meshes", ())] or [(n, step), (2 * n, step), (2 * n, step / 2)]
+    if finer := series.get("finer"):
+        plan = [(n, step / 2), (n, step), (finer, step)]
     for m, k in plan[-1:] if series.get("finest") else plan:
         mesh = write(folder / f"{test}{m}{''.join(f'-{value}' for value in more.values())}.msh", GRIDS[test](m, **more))
         own = {"geometry": {"kind": "mesh", "file": str(mesh), **table["scene"]["geometry"]}}

@@ -44,6 +44,13 @@ def test_a_cycle_is_the_last_one():
     assert acid.extreme("max", "tip_uy", -5)(run.history) == 12 and acid.extreme("min", "tip_uy", -5)(run.history) == 8
 
 
+def test_a_developed_swing_is_a_mean_of_its_periods():
+    time = np.arange(1, 700) * 0.01
+    run = history(time, tip_uy=np.where(time < 3, 9.0, 0.2 + (1 + 0.1 * time) * np.sin(2 * np.pi * 3.1 * time)))
+    assert acid.late("frequency", "tip_uy", 4)(run.history) == pytest.approx(3.1, rel=1e-3)
+    assert acid.late("amplitude", "tip_uy", 4)(run.history) == pytest.approx(1.55, rel=1e-2)
+
+
 def test_errors_of_second_order_in_mesh_and_step_are_extrapolated_away():
     runs = {f"a-{n}-{k}": history([1.0], u=[5 + 0.3 / n**2 + 2 * k**2]) for n, k in ((1, 0.2), (2, 0.2), (2, 0.1))}
     pick = acid.extreme("max", "u")
