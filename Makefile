@@ -23,7 +23,7 @@ help:
 	@echo "make verify  published values and flow of blood: results/verification*, results/blood*, docs/results.md, and their tests (hours; a second call goes on)"
 	@echo "make verify-long  FSI2 and FSI3 over many periods: results/long*, docs/results.md (an hour; a second call goes on)"
 	@echo "make verify-hard  scenes outside of the catalogue, solved rightly or refused with the cause: results/hard.* (hours; a second call goes on)"
-	@echo "make verify-acid  tests of the literature with moving walls, following loads, linear solids: results/acid.* (minutes; a second call goes on)"
+	@echo "make verify-acid  tests of the literature with moving walls, following loads, linear solids: results/acid.* (an hour; a second call goes on)"
 	@echo "make verify-errors  error bars against errors over all steady cases: results/errors.* (half an hour; a second call goes on)"
 	@echo "make bench   cost ratios, error against seconds, mesh motions, time steps: results/bench-*, results/speed.md, results/mesh-motion.*, docs/results.md"
 	@echo "make bench-peers  FSI1 beside NGSolve, which goes into .venv-peers: results/speed.md (minutes)"

@@ -32,7 +32,7 @@ def lengthen(directory: Path, settings: Sequence[str]) -> Scene:
         FreeFEMNotFound: no FreeFEM on this machine; nothing was changed.
     """
     if [setting.partition("=")[0].strip() for setting in settings] != [END]:
-        other = f"a run with other values starts from this one with time.initial = \"{directory}\""
+        other = f"a run with other values starts from this one with time.initial = '{directory}'"
         raise InputError(f"with --resume only {END} can change: give --set {END}=SECONDS; {other}")
     if not folder.is_run_folder(directory) or (directory / folder.CHAIN).is_file():
         raise InputError(f"{folder.no_run_folder(directory)}; there is nothing to resume")

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.optimize import newton
 from scipy.special import ivp, kvp
 
 from ffsi.scene import boundaries
@@ -140,13 +141,8 @@ def test_every_value_is_found_in_the_runs_that_are_made(test, tmp_path):
 @pytest.mark.parametrize("rho", acid.MODES)
 def test_modes_of_the_ring_are_roots_of_its_determinant(rho):
     omega, sigma = acid.MODES[rho]
-    last, s = 1.001 * complex(sigma, omega), complex(sigma, omega) * 0.9995
-    value = ring_determinant(last, rho)
-    for _ in range(12):  # secants
-        now = ring_determinant(s, rho)
-        if now == value:
-            break
-        last, s, value = s, s - now * (s - last) / (now - value), now
+    start = complex(sigma, omega)
+    s = newton(ring_determinant, 1.001 * start, args=(rho,), x1=0.9995 * start, tol=1e-12)
     assert (s.imag, s.real) == pytest.approx((omega, sigma), rel=1e-7)
 
 
