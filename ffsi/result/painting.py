@@ -146,9 +146,9 @@ class _Sheet:
         thick = max(1, round(width * views.DPI * _ZOOM / 72))
         core, ink = self.pen.draw, self.pen.draw.draw_ink(ImageColor.getrgb(colour))
         for line in lines:
-            if thick > 1:
+            if thick > 4:
                 self.pen.line(line.ravel().tolist(), colour, thick, "curve")
-            else:  # past what Pillow does about colours for each line, which takes longer than to draw it
+            else:  # without joints, past what Pillow does about colours for each line, which takes longer than drawing
                 core.draw_lines(line.ravel().tolist(), ink, thick)
 
     def outline(self, fields: Fields, selected: NDArray[np.bool_], width: float) -> None:
@@ -160,10 +160,12 @@ class _Sheet:
         """Draw a dashed line of pixels (n, 2)."""
         along = np.append(0.0, np.cumsum(np.hypot(*np.diff(line, axis=0).T)))
         period = 5.3 * width * views.DPI * _ZOOM / 72
-        for start in np.arange(0.0, along[-1], period):
-            end = min(start + 0.7 * period, along[-1])
-            stops = np.concatenate([[start], along[(along > start) & (along < end)], [end]])
-            self.lines([np.column_stack([np.interp(stops, along, values) for values in line.T])], width, colour)
+        starts = np.arange(0.0, along[-1], period)
+        ends = np.minimum(starts + 0.7 * period, along[-1])
+        stops = np.sort(np.concatenate([starts, ends, along]))
+        points = np.column_stack([np.interp(stops, along, values) for values in line.T])
+        places = zip(np.searchsorted(stops, starts), np.searchsorted(stops, ends, "right"), strict=True)
+        self.lines((points[first:past] for first, past in places), width, colour)
 
     def shades(
         self, fields: Fields, shown: NDArray[np.bool_], values: Floats, low: float, high: float, colours: Colours
@@ -215,7 +217,7 @@ class _Sheet:
         shapes = [*points[parts].reshape(-1, 6).tolist(), *points[cells[:, _AROUND]].reshape(-1, 12).tolist()]
         for i, shape in enumerate(shapes, 1):
             core.draw_polygon(shape, core.draw_ink(i), 1)
-        number: Ints = np.asarray(image)
+        number = np.asarray(image).astype(np.intp)  # once, not by each of the arrays that it picks from
         (a, b), change = np.moveaxis(corners[:, 1:] - corners[:, :1], 0, -1), values[triangles]
         rise, other = change[:, 1] - change[:, 0], change[:, 2] - change[:, 0]
         area = a[0] * b[1] - a[1] * b[0]
