@@ -203,15 +203,15 @@ KINKED = r"turns by (\d\d) degrees: neither a smooth curve nor a corner; .* in g
     ("curved", "shift", "text"),
     [("waals", 0.0, r'no such wall; accepted: rigid ones by their names, "walls".*did you mean "walls"'),
      (["walls", "wall"], 0.0, "no such wall"), ("wall", 0.0, "no such wall"), ("walls", 0.2, KINKED),
-     ("walls", -0.9, KINKED), ("walls", None, "is straight"), (3, 0.0, "no such wall"),
-     ([], 0.0, "accepted: the name of a wall")],
+     ("walls", -0.9, KINKED), ("walls", 1.2j, r"where it turns, an edge is 5\.. times as long as the next one"),
+     ("walls", None, "is straight"), (3, 0.0, "no such wall"), ([], 0.0, "accepted: the name of a wall")],
 )  # fmt: skip
 def test_no_curve(curved, shift, text, tmp_path) -> None:
     drawing = vessel()
     if shift is None:
         drawing.points[::5] = np.linspace(drawing.points[0], drawing.points[30], 7)  # the inner wall
     else:
-        drawing.points[15] *= 1 + shift / 10  # in its middle
+        drawing.points[15:16] = (drawing.points[15:16] @ [[1], [1j]] * np.exp(shift / 10)).view(float)  # in its middle
     write_scene(tmp_path, drawing=drawing)
     with pytest.raises(SceneError, match=text):
         of_table(tmp_path, curved=curved)

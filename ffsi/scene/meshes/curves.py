@@ -44,6 +44,8 @@ STRAIGHT = 0.1
 """Largest turn, degrees, in walls that have no curve: what rounding makes of them is none."""
 KINK = 2.0, 4.0
 """A turn (degrees) of more, and so many times the curvature at both vertices beside it, are a corner, too."""
+UNEVEN = 3.0
+"""Where a wall turns, an edge more than so many times as long as the next one would be bent more than its arc is."""
 
 
 class RoleOf(NamedTuple):
@@ -149,6 +151,13 @@ def refuse_uncurved(wanted: Names, walls: dict[str, int], curves: Curves, label:
                 f"; accepted: at most {SMOOTH:.0f} degrees on a curve, as its neighbours do, {CORNER:.0f} at corners"
             )
             problems.append(Problem("curved", f"{text}; pieces of it apart in geometry.parts", short(name)))
+        longer = length[pairs].max(axis=1) / length[pairs].min(axis=1)
+        turns = np.fmax(beside, curvature[pairs[:, 1]]) * length[pairs].sum(axis=1) > STRAIGHT
+        if (uneven := np.flatnonzero(turns & (turn < CORNER) & (longer > UNEVEN))).size and not bad.size:
+            where = place(curves.topology.points[edges[pairs[uneven[0], 1], 0]], curves.topology.unit)
+            text = f"at {where}, where it turns, an edge is {longer[uneven[0]]:.1f} times as long as the next one"
+            text += f"; accepted: at most {UNEVEN:.0f} times, straight pieces of it apart in geometry.parts"
+            problems.append(Problem("curved", text, short(name)))
         elif not turn.max(initial=0.0, where=turn < CORNER) > STRAIGHT:
             problems.append(Problem("curved", "is straight; accepted: walls with a curved piece", short(name)))
     if problems:
