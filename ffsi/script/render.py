@@ -10,6 +10,7 @@ import re
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cache
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, cast, get_args
 
@@ -150,8 +151,6 @@ def _folder(packaged: str, checked_out: str) -> Path:
 
 def package_version() -> str:
     """Return the version of the installed distribution."""
-    from importlib.metadata import PackageNotFoundError, version  # takes as long to load as a script to render
-
     try:
         return version("freefem-fsi")
     except PackageNotFoundError:
