@@ -4,11 +4,13 @@ import json
 import math
 import time
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import structured
 
 from ffsi.files import seals
 from ffsi.files.arrays import RawMesh, RawState, write_mesh, write_state
@@ -26,25 +28,13 @@ NEWTON = """point,loadFactor,stage,unknowns,iteration,residual,correction,step,f
 
 def structured_mesh(nx: int = 10, ny: int = 4, length: float = 2.5, height: float = 0.4) -> RawMesh:
     """Rectangle of 2 nx ny triangles; column 2 of the lower half is region 2. P2 nodes are numbered backwards."""
-    x, y = np.meshgrid(np.linspace(0, length, nx + 1), np.linspace(0, height, ny + 1))
-    vertices = np.column_stack([x.ravel(), y.ravel()])
-    triangles, region = [], []
-    for j in range(ny):
-        for i in range(nx):
-            a = j * (nx + 1) + i
-            b, c, d = a + 1, a + nx + 1, a + nx + 2
-            triangles += [(b, d, a), (c, a, d)]
-            region += [2 if i == 2 and j < ny // 2 else 1] * 2
-    numbers: dict[object, int] = {}
-    rows = []
-    for t in triangles:
-        mids = [frozenset((t[1], t[2])), frozenset((t[2], t[0])), frozenset((t[0], t[1]))]
-        rows.append([numbers.setdefault(key, len(numbers)) for key in (*t, *mids)])
-    p2 = len(numbers) - 1 - np.array(rows)
-    bottom = [(i, i + 1) for i in range(nx)]
-    return RawMesh(
-        vertices, np.array(triangles), np.array(region), np.array(bottom), np.full(nx, 3, dtype=np.int64), p2
+    x, y = np.linspace(0, length, nx + 1), np.linspace(0, height, ny + 1)
+    mesh = structured.structured_mesh(
+        x, y, lambda at_x, at_y: 1 + (x[2] < at_x < x[3] and at_y < y[ny // 2]), lambda at_x, at_y: 3 * (at_y == 0)
     )
+    bottom = mesh.label == 3
+    edges = np.sort(mesh.edges[bottom])
+    return replace(mesh, edges=edges[edges[:, 0].argsort()], label=mesh.label[bottom], p2=mesh.p2.max() - mesh.p2)
 
 
 def given_state(mesh: RawMesh, scale: float = 1.0) -> RawState:
