@@ -3,13 +3,15 @@
 import math
 import signal
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 from run_folders import FakeCheck, FakeFreeFEM, given_state, structured_mesh
 from time_folders import FakeTimeFreeFEM
 
+from ffsi.freefem import FreeFEMNotFound
 from ffsi.result.fields import Fields
-from ffsi.run import chain, execute, one_scene, sweep, watch
+from ffsi.run import chain, execute, meshing, one_scene, sweep, watch
 from studies import harness
 from studies.bench import unsteady as bench_unsteady
 
@@ -17,27 +19,41 @@ from studies.bench import unsteady as bench_unsteady
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-@pytest.fixture
-def freefem(monkeypatch) -> FakeFreeFEM:
-    fake = FakeFreeFEM()
-    monkeypatch.setattr(execute, "run_script", fake.run_script)
-    for module in (one_scene, chain, sweep):
-        monkeypatch.setattr(module, "find_freefem", lambda: SimpleNamespace(has_mumps=True))
-    monkeypatch.setattr(execute, "render", lambda scene, mumps: f"// {scene.name}, MUMPS {mumps}\n")
-    return fake
-
-
-@pytest.fixture
-def in_time(monkeypatch) -> FakeTimeFreeFEM:
-    fake = FakeTimeFreeFEM()
+def put_in_place(monkeypatch, fake: Any) -> Any:
+    """Let a stand-in be what starts scripts, which are none, wherever a FreeFEM is looked for."""
     monkeypatch.setattr(execute, "run_script", fake.run_script)
     for module in (one_scene, chain, sweep, harness, bench_unsteady):
         monkeypatch.setattr(module, "find_freefem", lambda: SimpleNamespace(has_mumps=True))
     for module in (execute, harness, bench_unsteady):
         monkeypatch.setattr(module, "render", lambda scene, mumps: f"// {scene.name}, MUMPS {mumps}\n")
+    return fake
+
+
+@pytest.fixture
+def freefem(monkeypatch) -> FakeFreeFEM:
+    return put_in_place(monkeypatch, FakeFreeFEM())
+
+
+@pytest.fixture
+def in_time(monkeypatch) -> FakeTimeFreeFEM:
     monkeypatch.setattr(watch, "LOOK_EVERY", 0.0)
     monkeypatch.setattr(watch, "SHARE", math.inf)
-    return fake
+    return put_in_place(monkeypatch, FakeTimeFreeFEM())
+
+
+@pytest.fixture
+def unwatched(in_time, monkeypatch) -> None:
+    """No looks at the progress of the stand-in: they cost more than all the rest."""
+    monkeypatch.setattr(watch, "LOOK_EVERY", math.inf)
+
+
+@pytest.fixture
+def no_freefem(monkeypatch) -> None:
+    def missing() -> None:
+        raise FreeFEMNotFound("missing-binary", "no FreeFem++ on this machine")
+
+    for module in (one_scene, meshing):
+        monkeypatch.setattr(module, "find_freefem", missing)
 
 
 @pytest.fixture

@@ -13,7 +13,6 @@ import pytest
 
 from ffsi.files import folder
 from ffsi.files.errors import InputError
-from ffsi.run import watch
 from ffsi.scene import CASES, load_scene
 from studies.bench import factors, mesh_motion, speed, steady
 from studies.bench import unsteady as bench
@@ -22,6 +21,8 @@ from studies.bench.speed import FSI1, SAMPLES, Sample, alternating, processor_ti
 from studies.bench.unsteady import FINEST, TIME_STEPS
 from studies.harness import Run, multiples, run_all
 from studies.tables import table
+
+pytestmark = pytest.mark.usefixtures("unwatched")
 
 TIMINGS = {
     "mesh": 0.1, "operators": 0.3, "residual": 0.05, "jacobian": 0.35, "factorize": 0.5, "solve": 0.1, "output": 0.15,
@@ -383,13 +384,6 @@ def swing(step: float, error: float = 100.0, failure: str = "") -> Run:
     u = -0.066 * (1 - np.cos(7 * t)) * (1 + error * step**2)
     history = pd.DataFrame({"time": t, "tip_uy": u, "seconds": 1 + t})
     return Run(f"step-{step}", {"failure": failure}, history=history)
-
-
-@pytest.fixture
-def in_time(in_time, monkeypatch):
-    """The stand-in, without looks at its progress: they cost more than all the rest."""
-    monkeypatch.setattr(watch, "LOOK_EVERY", math.inf)
-    return in_time
 
 
 START = Run("start", {"failure": "", "timings": dict.fromkeys(bench.SOLVER, 0.01)})

@@ -9,8 +9,6 @@ from run_folders import make_run
 
 from ffsi.cli import show
 from ffsi.cli.main import main
-from ffsi.freefem import FreeFEMNotFound
-from ffsi.run import one_scene
 from ffsi.scene import CASES
 from studies.__main__ import main as studies
 
@@ -56,7 +54,7 @@ BAD_INPUT = [
     ([*SWEEP, "--points", "nothing.csv"], "nothing.csv"),
     ([*SWEEP, "--points", "p.csv", "--vary", "mesh.level=0"], "not both"),
     ([*SWEEP, "--vary", "inflow.mean_velocitty=0.1"], 'did you mean "inflow.mean_velocity"?'),
-    ([*SWEEP, "--vary", "mesh.level=0:7:1"], "mesh.level = 7"),
+    ([*SWEEP, "--vary", "mesh.level=0:7:1"], "mesh.level = 7"), ([*SWEEP, "--vary", "mesh.level=0.5"], "level = 0.5"),
     ([*SWEEP, "--vary", "mesh.level=0", "--vary", "mesh.level=1"], "given twice"),
     ([*SWEEP, "--vary", "mesh.level=0", "--jobs", "0"], "jobs"),
     ([*SWEEP, "--vary", "mesh.level=0", "--jobs", "2", "--dask", "tcp://x"], "not both"),
@@ -76,10 +74,14 @@ def test_bad_input_ends_with_2_names_the_reason_and_writes_nothing(capsys, tmp_p
     assert list(tmp_path.iterdir()) == [] and freefem.solved == []
 
 
-def test_a_foreign_folder_is_refused(capsys, tmp_path, freefem):
+@pytest.mark.parametrize(("words", "said"), [
+    (["run", "flap-svk"], "is not empty and is no run folder of ffsi"),
+    (["sweep", "flap-svk", "--vary", "mesh.level=0"], "is not empty and holds no sweep"),
+])  # fmt: skip
+def test_a_foreign_folder_is_refused(capsys, tmp_path, freefem, words, said):
     Path("notes.txt").write_text("mine")
-    code, out, err = call(capsys, "run", "flap-svk", "--out", str(tmp_path))
-    assert "is not empty and is no run folder of ffsi" in err and (code, out) == (2, "")
+    code, out, err = call(capsys, *words, "--out", str(tmp_path))
+    assert said in err and code == 2 and (out == "" or words[0] == "sweep")
     assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
 
 
@@ -105,25 +107,22 @@ def test_runs_and_sweeps_that_nobody_checked_say_so(capsys, freefem, check):
     assert (code, check.calls) == (0, []) and "check: not done" in out
 
 
-@pytest.mark.parametrize(("ending", "code", "reason"), [
-    ("wrong", 1, "the reference check disagrees"), ("fail", 3, "J too small"), ("die", 4, "SIGSEGV"),
+@pytest.mark.parametrize(("ending", "code", "failure", "reason"), [
+    ("wrong", 1, "check", "the reference check disagrees"), ("fail", 3, "not-converged", "J too small"),
+    ("die", 4, "crash", "SIGSEGV"),
 ])  # fmt: skip
-def test_failures_have_their_own_exit_code_and_still_print_json(capsys, freefem, check, ending, code, reason):
+def test_failures_have_their_own_exit_code_and_still_print_json(capsys, freefem, check, ending, code, failure, reason):
     setattr(check if ending == "wrong" else freefem, ending, 0.12)
     found, out, err = call(capsys, "run", "flap-svk", *LEVEL, "--json")
     assert found == code
     data = json.loads(out)
     assert data["status"] == "failed" and reason in data["reason"]
-    assert reason in err and Path("runs/flap-svk/result.json").is_file()
+    assert reason in err and json.loads(Path("runs/flap-svk/result.json").read_text())["failure"] == failure
 
 
-def test_an_earlier_result_is_not_taken_for_that_of_a_run_that_never_started(capsys, monkeypatch, freefem, check):
+def test_an_earlier_result_is_not_taken_for_that_of_a_run_that_never_started(capsys, request, freefem, check):
     assert call(capsys, "run", "flap-svk", *LEVEL)[0] == 0
-
-    def missing():
-        raise FreeFEMNotFound("missing-binary", "no FreeFem++ on this machine")
-
-    monkeypatch.setattr(one_scene, "find_freefem", missing)
+    request.getfixturevalue("no_freefem")
     code, out, err = call(capsys, "run", "flap-svk", *LEVEL, "--json")
     assert code == 4 and json.loads(out)["status"] == "failed"
     assert "no FreeFem++ on this machine" in err

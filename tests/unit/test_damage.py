@@ -112,32 +112,20 @@ def test_what_is_whole_passes(capsys, tmp_path, freefem, made, copy_of):
     write_report([directory, swept], tmp_path / "report.html")
 
 
-def noticed_by_a_report(directory, path):
-    """It is refused, or shown as a run that has not ended, where there is no result at all."""
-    if not (directory / folder.RESULT).is_file():
-        write_report([directory], path)
-        assert "not checked" in path.read_text()
-        return
-    with pytest.raises(ValueError):
-        write_report([directory], path)
-
-
 @pytest.mark.parametrize("way", WAYS)
-@pytest.mark.parametrize("name", STEADY)
-def test_a_damaged_run_is_noticed(capsys, tmp_path, freefem, made, copy_of, name, way):
-    directory = copy_of(made("steady", lambda path: one_scene.solve(SCENE, path)))
+@pytest.mark.parametrize(("fake", "name"), [*(("freefem", n) for n in STEADY), *(("in_time", n) for n in IN_TIME)])
+def test_a_damaged_run_is_noticed(capsys, tmp_path, request, made, copy_of, fake, name, way):
+    request.getfixturevalue(fake)
+    kind, scene = ("steady", SCENE) if fake == "freefem" else ("time", scene_in_time())
+    directory = copy_of(made(kind, lambda path: one_scene.solve(scene, path)))
     WAYS[way](directory / name)
     assert refused_by_check(capsys, directory)
-    noticed_by_a_report(directory, tmp_path / "report.html")
-
-
-@pytest.mark.parametrize("way", WAYS)
-@pytest.mark.parametrize("name", IN_TIME)
-def test_a_damaged_run_in_time_is_noticed(capsys, tmp_path, in_time, made, copy_of, name, way):
-    directory = copy_of(made("time", lambda path: one_scene.solve(scene_in_time(), path)))
-    WAYS[way](directory / name)
-    assert refused_by_check(capsys, directory)
-    noticed_by_a_report(directory, tmp_path / "report.html")
+    if (directory / folder.RESULT).is_file():
+        with pytest.raises(ValueError):
+            write_report([directory], tmp_path / "report.html")
+    else:  # then it is a run that has not ended
+        write_report([directory], tmp_path / "report.html")
+        assert "not checked" in (tmp_path / "report.html").read_text()
 
 
 def died_at_23(path: Path) -> None:

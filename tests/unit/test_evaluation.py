@@ -11,7 +11,6 @@ from run_folders import FakeCheck, FakeFreeFEM, make_run
 from test_cli import call
 from time_folders import FakeTimeFreeFEM, scene_in_time
 
-from ffsi.files.errors import InputError
 from ffsi.hemodynamics.result import load_result
 from ffsi.hemodynamics.state import WallState
 from ffsi.result import painting
@@ -106,19 +105,6 @@ def test_a_notebook_shows_what_is_missing(tmp_path) -> None:
     shown = load_result(folder)._repr_html_()
     for text in ("converged, not checked", "a long step", "not evaluated: x: &lt;y&gt;", "data:image/png"):
         assert text in shown
-
-
-def test_a_check_that_breaks_keeps_the_solution(tmp_path, freefem: FakeFreeFEM, monkeypatch) -> None:
-    monkeypatch.setattr("ffsi.reference.check_run", fails("index out of range"))
-    result = one_scene.solve(load_scene("flap-svk", ["mesh.level=0"]), tmp_path / "run")
-    assert (result.failure, result.solved) == ("check", True)
-    assert "could not be done: index out of range" in result.reason
-
-
-def test_bad_input_before_a_run_is_none_of_this(tmp_path, freefem: FakeFreeFEM) -> None:
-    (tmp_path / "file").write_text("x")
-    with pytest.raises(InputError):
-        one_scene.solve(load_scene("flap-svk", ["mesh.level=0"]), tmp_path / "file")
 
 
 def energies(work: float) -> pd.DataFrame:

@@ -358,8 +358,6 @@ def written(path: Path, node: list[int]) -> Path:
 
 
 def test_cycles_are_put_into_the_order_of_the_points(tmp_path: Path) -> None:
-    from test_hemodynamics import channel
-
     points = wall_points(channel(), [3, 4])
     shuffled = points.middle[::-1]
     cycle = read_cycle(written(tmp_path / "wall-0001.bin", shuffled.tolist())).at(points.middle)

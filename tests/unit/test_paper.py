@@ -122,13 +122,6 @@ def test_bad_input_writes_nothing(tmp_path, freefem, check, one):
     assert freefem.solved == []
 
 
-def test_sweeps_with_another_definition_are_refused(tmp_path, freefem, check, one):
-    flap.main(out=tmp_path / "out", runs=tmp_path / "runs")
-    changed = Curve("case-1", "coarse root", "flap-svk", (0.05, 0.08))
-    with pytest.raises(InputError, match="another definition"):
-        flap.main(cases=[PaperCase(1, "changed", changed)], out=tmp_path / "out", runs=tmp_path / "runs")
-
-
 def test_the_highest_velocity_counts_and_not_the_last_row(tmp_path):
     done = outcome(CASES[0].curve, tmp_path, steps=2, failure="not-converged", drag=[1.0, 2.0, 3.0])
     assert done.end == (pytest.approx(0.03), "J too small") and done.failures == []

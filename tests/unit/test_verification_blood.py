@@ -11,7 +11,6 @@ from time_folders import scene_in_time
 
 from ffsi.scene import load_scene
 from ffsi.scene.fluids import Carreau, Casson, Newtonian, PowerLaw
-from studies import harness
 from studies.harness import run_all
 from studies.tables import Column
 from studies.verification import blood, exact_flows
@@ -177,21 +176,14 @@ def test_tables_worst_values_and_changes_by_level():
     assert gap.numbers == {}
 
 
-@pytest.fixture
-def steady_freefem(freefem, monkeypatch):
-    monkeypatch.setattr(harness, "find_freefem", lambda: SimpleNamespace(has_mumps=True))
-    monkeypatch.setattr(harness, "render", lambda scene, mumps: f"// {scene.name}, MUMPS {mumps}\n")
-    return freefem
-
-
-def test_steady_runs_are_done_once_and_one_that_died_starts_again(tmp_path, steady_freefem, check, capsys):
+def test_steady_runs_are_done_once_and_one_that_died_starts_again(tmp_path, freefem, check, capsys):
     scenes = {"one": load_scene("flap-svk", ["mesh.level=0", "output.pictures=false", "output.vtu=false"])}
     velocity = scenes["one"].inflow.mean_velocity
-    steady_freefem.die = velocity
+    freefem.die = velocity
     assert run_all(scenes, tmp_path)[0].failure == "crash"
-    steady_freefem.die = None
+    freefem.die = None
     (first,), (second,) = run_all(scenes, tmp_path), run_all(scenes, tmp_path)
-    assert steady_freefem.solved == [velocity]
+    assert freefem.solved == [velocity]
     assert first.seconds == second.seconds == first.data["timings"]["script"]
     assert "one: finished before" in capsys.readouterr().err
 

@@ -12,7 +12,6 @@ from ffsi.files.errors import InputError
 from ffsi.result.pictures import to_png
 from ffsi.result.published import references
 from ffsi.result.quantities import published_value
-from ffsi.run import watch
 from ffsi.scene import CASES
 from studies import harness
 from studies.harness import Run, run_all
@@ -20,6 +19,8 @@ from studies.tables import Column
 from studies.verification import in_time as study
 from studies.verification.in_time import PERIODIC_CASES, LongCase, LongRun, Plan, case_table
 from studies.verification.sources import reference_sets
+
+pytestmark = pytest.mark.usefixtures("unwatched")
 
 BY_NAME = {case.name: case for case in PERIODIC_CASES}
 BOUNDS = {  # in per cent
@@ -44,13 +45,6 @@ README = "before\n<!-- verification-unsteady:begin -->\nold\n<!-- verification-u
 @pytest.fixture(autouse=True)
 def coarse_pictures(monkeypatch):
     monkeypatch.setattr(study, "to_small_png", lambda figure: to_png(figure, 20))
-
-
-@pytest.fixture
-def in_time(in_time, monkeypatch):
-    """The stand-in, without looks at its progress: they cost more than all the rest."""
-    monkeypatch.setattr(watch, "LOOK_EVERY", math.inf)
-    return in_time
 
 
 def published(case: str) -> dict[str, dict[str, float | None]]:
