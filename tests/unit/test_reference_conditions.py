@@ -303,7 +303,7 @@ def test_steady_solid_is_not_damped():
 @pytest.mark.parametrize("role", ["inlet", "outlet", "supported"])
 def test_boundary_without_its_condition_is_refused(role):
     key = {"inlet": "inflow", "outlet": "outlet", "supported": "support"}[role]
-    with pytest.raises(ValueError, match=f"a boundary with the role {role}, but nothing"):
+    with pytest.raises(ValueError, match=f"a boundary with the role {role}, but nothing that says what it does"):
         vessel_problem(**{key: None})
     with pytest.raises(ValueError, match="outlet kind 'open', accepted"):
         Outlet("open")

@@ -85,8 +85,7 @@ def test_do_nothing_outlet_holds_for_stagnation_flow_in_any_direction(turn):
 def test_linear_mesh_motion_is_its_energy_s_derivative_and_has_a_scale():
     # For a linear u, u . R(u) is twice the energy: the sum of alpha_K A_K (|H|^2 + beta (tr H)^2).
     exponent, weight = 1.5, 0.7
-    problem, mesh = cases.flap_problem(mesh_motion=MeshMotion(exponent, weight)), cases.flap_mesh(4)
-    mesh = dataclasses.replace(mesh, vertices=mesh.vertices + _wiggle(mesh.vertices))
+    problem, mesh = cases.flap_problem(mesh_motion=MeshMotion(exponent, weight)), graded_flap_mesh()
     gradient = np.array([[0.02, 0.11], [-0.05, 0.03]])
     state = state_of(mesh, u=lambda x: x @ gradient.T)
     rows = compute_residual(System.build(problem, mesh), state).equations["mesh_motion"].residual
@@ -95,14 +94,11 @@ def test_linear_mesh_motion_is_its_energy_s_derivative_and_has_a_scale():
     expected = (alpha * area).sum() * ((gradient**2).sum() + weight * np.trace(gradient) ** 2)
     np.testing.assert_allclose((state.u * rows).sum(), expected, rtol=1e-13)
     assert area.max() / area.min() > 1.2
+    assert relative(cases.flap_problem(), mesh, state)["mesh_motion"] > 1e-3
     mesh = cases.flap_mesh(4)
-    state = state_of(mesh, u=lambda x: x @ np.array([[0.02, 0.11], [-0.05, 0.03]]).T)
+    state = state_of(mesh, u=lambda x: x @ gradient.T)
     assert relative(cases.flap_problem(), mesh, state)["mesh_motion"] < ROUNDING
-    graded = dataclasses.replace(mesh, vertices=mesh.vertices + _wiggle(mesh.vertices))
-    state = state_of(graded, u=lambda x: x @ np.array([[0.02, 0.11], [-0.05, 0.03]]).T)
-    assert relative(cases.flap_problem(), graded, state)["mesh_motion"] > 1e-3
     # Each component is an equation of its own: a scale by component would be the residual itself.
-    mesh = cases.flap_mesh(4)
     state = state_of(mesh, u=lambda x: np.column_stack([x[:, 0] * x[:, 1], 0 * x[:, 0]]))
     problem = cases.flap_problem(mesh_motion=MeshMotion(0.0, 0.0))
     assert relative(problem, mesh, state)["mesh_motion"] < ROUNDING
@@ -158,16 +154,11 @@ def test_hyperelastic_mesh_motion_is_linear_elasticity_for_small_displacements()
     weight, mesh = 0.7, graded_flap_mesh()
     rng, size = np.random.default_rng(7), 1e-8
     state = state_of(mesh, u=lambda x: size * rng.normal(size=x.shape))
-    system = System.build(cases.flap_problem(mesh_motion=MeshMotion(1.0, weight, "hyperelastic")), mesh)
-    rows = compute_residual(system, state).equations["mesh_motion"].residual
-    elements = system.fluid.elements
-    gradient = np.einsum("tai,tqaj->tqij", state.u[elements.nodes], elements.gradients)
-    divergence = np.trace(gradient, axis1=2, axis2=3)[..., None, None]
-    hooke = gradient + gradient.swapaxes(2, 3) + weight * divergence * np.eye(2)
-    weights = elements.weights * (elements.area.max() / elements.area)[:, None]
-    expected = np.zeros_like(rows)
-    np.add.at(expected, elements.nodes, np.einsum("tq,tqij,tqaj->tai", weights, hooke, elements.gradients))
-    np.testing.assert_allclose(rows, expected, rtol=0, atol=1e-5 * np.abs(expected).max())
+    rows, expected = (
+        compute_residual(System.build(cases.flap_problem(mesh_motion=motion), mesh), state).equations["mesh_motion"]
+        for motion in (MeshMotion(1.0, weight, "hyperelastic"), MeshMotion(1.0, weight, "linear-elastic"))
+    )
+    np.testing.assert_allclose(rows.residual, expected.residual, rtol=0, atol=1e-5 * np.abs(expected.residual).max())
     mesh, problem = cases.flap_mesh(4), cases.flap_problem(mesh_motion=MeshMotion(1.0, 0.7, "hyperelastic"))
     state = state_of(mesh, u=lambda x: 0.05 * np.sin(3.0 * x[:, ::-1]) * x)
     equation = compute_residual(System.build(problem, mesh), state).equations["mesh_motion"]
@@ -178,13 +169,10 @@ def test_hyperelastic_mesh_motion_is_linear_elasticity_for_small_displacements()
     assert equation.relative == pytest.approx(whole / max(norms.values()), rel=1e-14)
 
 
-LINEAR_ELASTIC = MeshMotion(1.5, 0.7, "linear-elastic")
-
-
 def test_linear_elastic_mesh_motion_is_hookes_law():
     mesh, rng = graded_flap_mesh(), np.random.default_rng(8)
     state = state_of(mesh, u=lambda x: rng.normal(size=x.shape))
-    system = System.build(cases.flap_problem(mesh_motion=LINEAR_ELASTIC), mesh)
+    system = System.build(cases.flap_problem(mesh_motion=MeshMotion(1.5, 0.7, "linear-elastic")), mesh)
     equation = compute_residual(system, state).equations["mesh_motion"]
     assert equation.terms.keys() == {"d/dx", "d/dy", "divergence", "transposed"}
     elements = system.fluid.elements
@@ -195,12 +183,9 @@ def test_linear_elastic_mesh_motion_is_hookes_law():
     expected = np.zeros_like(equation.residual)
     np.add.at(expected, elements.nodes, np.einsum("tq,tqij,tqaj->tai", weights, hooke, elements.gradients))
     np.testing.assert_allclose(equation.residual, expected, rtol=0, atol=1e-13 * np.abs(expected).max())
-    largest = max(np.linalg.norm(term[equation.rows]) for term in equation.terms.values())
-    assert equation.scale(equation.rows) == pytest.approx(largest, rel=1e-14)
-    mesh = graded_flap_mesh()
     state = state_of(mesh, u=lambda x: x @ np.array([[0.0, -0.01], [0.01, 0.0]]).T + np.array([0.3, -0.2]))
-    equation = compute_residual(System.build(cases.flap_problem(mesh_motion=LINEAR_ELASTIC), mesh), state)
-    np.testing.assert_allclose(equation.equations["mesh_motion"].residual, 0.0, atol=1e-14)
+    residual = compute_residual(system, state).equations["mesh_motion"].residual
+    np.testing.assert_allclose(residual, 0.0, atol=1e-14)
     # The harmonic one has: its d/dx and d/dy parts do not cancel.
     assert relative(cases.flap_problem(mesh_motion=MeshMotion(1.5, 0.7)), mesh, state)["mesh_motion"] > 1e-3
 
@@ -381,8 +366,6 @@ def test_wrong_meshes_are_refused():
 @pytest.mark.parametrize(("changes", "message"), [
     (dict(fluid=None, solids={}), "neither a fluid nor a solid"),
     (dict(mesh_motion=None), "fluid and solid together need a mesh motion"),
-    (dict(inflow=None), "a boundary with the role inlet, but nothing that says what it does"),
-    (dict(outlet=None), "a boundary with the role outlet, but nothing that says what it does"),
     (dict(mesh_motion=MeshMotion(1.0, 1.0, "elastic")), "mesh motion 'elastic', accepted"),
     (dict(solids={1: cases.flap_problem().solids[2]}), "solid in region 1, solids start at 2"),
     (dict(boundaries=(Boundary("a", 3, "wall"),)), r"unknown boundary role \['wall'\]"),
