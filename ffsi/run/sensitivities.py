@@ -117,7 +117,12 @@ def refuse_unknown(scene: Scene, of: Sequence[str], to: Sequence[str]) -> None:
         accepted = [f"{name}{ending}" for name in _of_history(scene) for ending in _ENDINGS]
         later = tuple(each.name for each in QUANTITIES if {"walls", "parts"} & {*each.tables})
     _known([name for name in of if not name.startswith(later)], accepted, "quantity")
-    _known(to, [parameter.key for parameter in parameters(scene) if parameter.kind == 1], "parameter")
+    numbers = {parameter.key: parameter for parameter in parameters(scene) if parameter.kind == 1}
+    _known(to, [*numbers], "parameter")
+    for number in (numbers[key] for key in to):
+        if number.value in number.limits.bounds.values():
+            text = f"an end of what is accepted ({number.limits.range}): it has no differences to both sides"
+            raise InputError(f"{number.key} = {number.value:g} is {text}")
 
 
 def _of_history(scene: Scene) -> list[str]:
