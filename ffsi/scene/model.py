@@ -285,7 +285,7 @@ class Scene(Table):
 
     def _time_problems(self) -> Iterator[Problem]:
         if self.time is None:
-            yield from self.geometry.steady_problems()
+            yield from self.geometry.steady_problems({name for name, load in self.loads.items() if load.stiffness})
             if self.start is not None:
                 yield Problem("start", "only accepted in a scene with a table time (time.step and time.end)")
             for name, solid in self.solid.items():

@@ -236,9 +236,11 @@ def test_a_bent_slip_wall_is_refused(bend, text, tmp_path):
 def test_a_solid_on_one_inclined_line_is_not_held(tmp_path):
     mesh = structured_mesh(np.linspace(0, 1, 4), np.linspace(0, 1, 4), lambda x, y: 1, lambda x, y: 1 if y == 0 else 2)
     path = write_mesh(tmp_path / "solid.msh", turned(mesh), {"block": 1}, {"line": 1, "rest": 2})
-    with pytest.raises(SceneError, match="nothing holds the solid"):
-        scene_on(path, {"symmetry": "line", "loaded": "rest"}, {"block": "block"}, solid={"block": RUBBER},
-                 traction={"x": 1})  # fmt: skip
+    block = {"boundaries": {"symmetry": "line", "loaded": "rest"}, "regions": {"block": "block"}}
+    for tables in ({"traction": {"x": 1}}, {"loads": {"rest": {"stiffness": 0, "pressure": 1}}}):
+        with pytest.raises(SceneError, match="nothing holds the solid"):
+            scene_on(path, **block, solid={"block": RUBBER}, **tables)
+    assert scene_on(path, **block, solid={"block": RUBBER}, loads={"rest": {"stiffness": 1, "pressure": 1}})
 
 
 PISTON = "0.4*(1 - cos(2*t))"

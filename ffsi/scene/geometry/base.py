@@ -2,7 +2,7 @@
 
 import functools
 from abc import ABC, abstractmethod
-from collections.abc import Collection
+from collections.abc import Collection, Set
 from typing import Any, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
@@ -85,8 +85,8 @@ class GeometryBase(Table, ABC):
         """Return what a scene with these solids, with or without a fluid, lacks; keys are those of the scene."""
         return []
 
-    def steady_problems(self) -> list[Problem]:
-        """Return what a scene that is steady lacks; keys are those of the scene."""
+    def steady_problems(self, springs: Set[str]) -> list[Problem]:
+        """Return what a scene that is steady lacks; keys are those of the scene. `springs`: loads with a stiffness."""
         return []
 
     @model_validator(mode="after")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Set
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
@@ -323,12 +323,13 @@ class MeshGeometry(ChannelGeometry):
             found.append(Problem("fluid", 'not accepted: geometry.regions has no "fluid"'))
         return found
 
-    def steady_problems(self) -> list[Problem]:
+    def steady_problems(self, springs: Set[str]) -> list[Problem]:
         """Return the solids that nothing holds, or a piece of which."""
         accepted = "accepted in a steady scene: clamped or supported boundaries on each solid or on one that it adjoins"
+        accepted += ", or loads with a stiffness"
         return [
             Problem("geometry.boundaries.clamped", f'nothing holds the solid "{name}" at {where}; {accepted}')
-            for name, where in self._mesh.loose.items()
+            for name, where in {name: at for name, at, loads in self._mesh.loose if not loads & springs}.items()
         ]
 
     @property

@@ -53,7 +53,8 @@ class DomainMesh:
 
     Edges (ne, 2) with a label (ne,) are boundaries and interfaces; the fluid, or the only triangle, is on their left.
     Areas are those of the regions by the scene's names, in the order of their numbers. A solid is loose that nothing
-    holds, neither itself nor through another solid, or a piece of it: that piece's place in words, by the solid's name.
+    holds, neither itself nor through another solid, or a piece of it: of each such piece the solid's name, its place in
+    words, and the loads on it.
     The inlets are by name, the only one by "".
     """
 
@@ -65,7 +66,7 @@ class DomainMesh:
     areas: dict[str, float]
     boundaries: tuple[Boundary, ...]
     inlets: dict[str, Inlet]
-    loose: dict[str, str]
+    loose: list[tuple[str, str, set[str]]]
 
     @cached_property
     def digest(self) -> str:
@@ -145,17 +146,21 @@ def _domain_mesh(path: Path, unit: str, metres: float, naming: Naming, _: tuple[
     by_number = sorted(naming.numbers.items(), key=lambda item: item[1])
     held = np.asarray(np.isin(topology.triangles, edges[np.isin(label[chosen], HELD)]).any(axis=1))
     solid = region != FLUID
+    number_of = np.full(len(region), -1)
     if (piece := topology.components(solid)).size:
         slides = np.isin(label[chosen], [*SLIPS])
         along = (vertices[edges[:, 1]] - vertices[edges[:, 0]])[slides] / lengths[slides, None]
         # Pieces of solids with slip boundaries in two directions are held: there the sum of t t' has no kernel.
         owner = topology.left[1][chosen[slides]]
-        number_of = np.full(len(region), -1)
         number_of[solid] = piece
         of_solid = number_of[owner] >= 0
         directions = np.zeros((piece.max() + 1, 2, 2))
         np.add.at(directions, number_of[owner[of_solid]], along[of_solid, :, None] * along[of_solid, None, :])
         held[solid] |= np.linalg.eigvalsh(directions)[piece, 0] > PARALLEL
+    loaded = {
+        name: topology.left[1][chosen[label[chosen] == number]]
+        for number, (name, _) in enumerate(naming.loads, start=LOADS)
+    }
     meant = {
         value: _boundary(value, parts, naming, float(lengths[label[chosen] == value].sum()))
         for value in np.unique(label[chosen]).tolist()
@@ -176,7 +181,10 @@ def _domain_mesh(path: Path, unit: str, metres: float, naming: Naming, _: tuple[
             for number, name in [(INLET, ""), *enumerate((name for name, _ in naming.inlets), start=INLETS)]
             if number in label
         },
-        loose=_pieces_without(topology, region, held, naming),
+        loose=[
+            (name, where, {load for load, sides in loaded.items() if number in number_of[sides]})
+            for (number, name), where in _pieces_without(topology, region, held, naming).items()
+        ],
     )
 
 
@@ -255,17 +263,18 @@ def _regions(file: MeshFile, naming: Naming, unit: str) -> tuple[Ints, list[str]
     return region, titles
 
 
-def _pieces_without(topology: Topology, region: Ints, marked: Flags, naming: Naming) -> dict[str, str]:
-    """Return, by the scene's name of each solid in them, a place in the first connected piece without a mark."""
+def _pieces_without(topology: Topology, region: Ints, marked: Flags, naming: Naming) -> dict[tuple[int, str], str]:
+    """Return, by number and the scene's name of each solid in them, places in the connected pieces without a mark."""
     solid = np.flatnonzero(region != FLUID)
     if not solid.size:
         return {}
     piece = topology.components(region != FLUID)
-    left = solid[~np.isin(piece, piece[marked[solid]])]
-    numbers, first = np.unique(region[left], return_index=True)
-    middles = topology.points[topology.triangles[left[first]]].mean(axis=1)
-    places = {number: place(middle, topology.unit) for number, middle in zip(numbers.tolist(), middles, strict=True)}
-    return {name: places[number] for name, number in naming.numbers.items() if number in places}
+    left = np.flatnonzero(~np.isin(piece, piece[marked[solid]]))
+    pairs, first = np.unique(np.column_stack([piece, region[solid]])[left], axis=0, return_index=True)
+    middles = topology.points[topology.triangles[solid[left[first]]]].mean(axis=1)
+    name_of = {number: name for name, number in naming.numbers.items()}
+    found = zip(pairs.tolist(), middles, strict=True)
+    return {(number, name_of[of]): place(middle, topology.unit) for (number, of), middle in found}
 
 
 # The fluid -----------------------------------------------------------------------------------------------------------
@@ -287,9 +296,10 @@ def _refuse_dry_solids(topology: Topology, region: Ints, naming: Naming) -> None
     wet = np.zeros(len(region), dtype=np.bool_)
     wet[pairs[(region[pairs] == FLUID).any(axis=1)]] = True
     accepted = "accepted with a fluid: solids that share edges with it, themselves or through other solids"
+    dry = {name: where for (_, name), where in _pieces_without(topology, region, wet, naming).items()}
     problems = [
         Problem(f"regions.{name}", f"its piece at {where} is not connected to the fluid; {accepted}")
-        for name, where in _pieces_without(topology, region, wet, naming).items()
+        for name, where in dry.items()
     ]
     if problems:
         raise SceneError(problems)
