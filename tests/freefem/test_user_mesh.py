@@ -196,8 +196,6 @@ def test_the_rendered_script_runs_alone(vessel, tmp_path, run_text, installation
 
 
 def test_a_missing_mesh_ends_the_script(vessel, tmp_path, run_text) -> None:
-    from ffsi.freefem import FreeFEMError
-
     assert run("render", vessel / "scene.toml", "-o", tmp_path / "vessel.edp") == 0
     with pytest.raises(FreeFEMError, match=r"cannot read the mesh nowhere\.mesh"):
         run_text((tmp_path / "vessel.edp").read_text(), mesh="nowhere.mesh")

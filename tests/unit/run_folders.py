@@ -15,6 +15,7 @@ import structured
 from ffsi.files import seals
 from ffsi.files.arrays import RawMesh, RawState, write_mesh, write_state
 from ffsi.freefem import Completed, Event, FreeFEMError
+from ffsi.report import write_report
 from ffsi.scene import load_scene
 
 NEWTON = """point,loadFactor,stage,unknowns,iteration,residual,correction,step,factorized,min_jacobian,seconds
@@ -89,6 +90,12 @@ def make_run(directory: Path, case: str = "flap-svk", **changes: Any) -> Path:
     }  # fmt: skip
     seals.write(directory / "result.json", data | changes)
     return directory
+
+
+def report_text(folder: Path, *runs: Path, **options: Any) -> str:
+    """Write a report of runs into a folder and return what it holds."""
+    write_report(runs, folder / "report.html", **options)
+    return (folder / "report.html").read_text()
 
 
 class FakeFreeFEM:

@@ -4,11 +4,10 @@ import json
 
 import pytest
 import tomli_w
-from run_folders import structured_mesh
+from run_folders import report_text, structured_mesh
 from vessel_meshes import scene_table, write_scene
 
 from ffsi.cli.main import main
-from ffsi.report import write_report
 from ffsi.result.domain import intended, meshed, words
 from ffsi.run import execute
 from ffsi.scene import CASES, load_scene
@@ -64,7 +63,6 @@ def test_it_is_shown_before_solving_and_kept(freefem, tmp_path, capsys, monkeypa
     assert json.loads(capsys.readouterr().out) == data
     assert data["regions"] == pytest.approx({"fluid": 0.95, "flap": 0.05})
     assert data["boundaries"]["walls"]["length"] == pytest.approx(2.5)
-    write_report([tmp_path / "run"], tmp_path / "report.html")
-    text = (tmp_path / "report.html").read_text()
+    text = report_text(tmp_path, tmp_path / "run")
     assert '<td>walls</td><td>no-slip</td><td class="number">2.5</td><td>m</td>' in text
     assert '<td>flap</td><td>region</td><td class="number">0.05</td><td>m²</td>' in text

@@ -58,6 +58,13 @@ cantilever = pytest.fixture(
 )
 
 
+def write_run(directory, mesh, state, outcome, point=1):
+    """Write a run folder as a FreeFEM script would leave it."""
+    write_mesh(directory / "mesh.bin", mesh)
+    write_state(directory / f"point-{point:04d}.bin", state)
+    (directory / f"point-{point:04d}.json").write_text(json.dumps(outcome))
+
+
 def copy(state):
     return RawState(state.u.copy(), state.v.copy(), state.p.copy(), state.ps.copy())
 
@@ -276,13 +283,11 @@ CHANGES = {"inflow.mean_velocity": 0.05, "solid.flap.lame_lambda": 800.0, "solid
 
 @pytest.fixture
 def run(tmp_path):
-    """Run folder of a solved scene, as a FreeFEM script would leave it, with its scene and outcome."""
+    """Run folder of a solved scene, with its scene and outcome."""
     scene = with_values(CASES["flap-svk"], CHANGES)
     _, mesh, state, quantities = solved(problem_from_scene(scene), scene_mesh(scene))
     outcome = {"parameters": CHANGES, "quantities": quantities}
-    write_mesh(tmp_path / "mesh.bin", mesh)
-    write_state(tmp_path / "point-0002.bin", state)
-    (tmp_path / "point-0002.json").write_text(json.dumps(outcome))
+    write_run(tmp_path, mesh, state, outcome, point=2)
     return tmp_path, scene, outcome
 
 
@@ -307,9 +312,7 @@ def test_run_folder_of_a_mixed_scene_is_checked(tmp_path):
     changes = CHANGES | {"solid.flap.formulation": "mixed"}
     scene = with_values(CASES["flap-neo-hookean"], changes)
     _, mesh, state, quantities = solved(problem_from_scene(scene), scene_mesh(scene))
-    write_mesh(tmp_path / "mesh.bin", mesh)
-    write_state(tmp_path / "point-0001.bin", state)
-    (tmp_path / "point-0001.json").write_text(json.dumps({"quantities": quantities}))
+    write_run(tmp_path, mesh, state, {"quantities": quantities})
     report = check_run(tmp_path, scene)
     assert report.failures == [] and report.incompressibility < 1e-10
     write_state(tmp_path / "point-0001.bin", RawState(state.u, state.v, state.p))

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 import test_reference_cases as cases
 from test_reference_cases import HEIGHT, LENGTH, MEAN_VELOCITY
-from test_reference_check import CHANGES, failing, scene_mesh, solved
+from test_reference_check import CHANGES, failing, scene_mesh, solved, write_run
 from test_reference_residual import DEFORMATION, DENSITY, ROTATION, STRETCH, VISCOSITY, deformed_state
 from test_reference_step_runs import rewrite, run, solved_run  # noqa: F401
 
-from ffsi.files.arrays import RawState, write_mesh, write_state
+from ffsi.files.arrays import RawState, write_state
 from ffsi.reference.check import check_run
 from ffsi.reference.forces import coefficient_scale, compute_forces
 from ffsi.reference.from_scene import problem_from_scene
@@ -116,9 +116,7 @@ def steady():
 
 
 def check(directory, scene, mesh, state, quantities):
-    write_mesh(directory / "mesh.bin", mesh)
-    write_state(directory / "point-0001.bin", state)
-    (directory / "point-0001.json").write_text(json.dumps({"quantities": quantities}))
+    write_run(directory, mesh, state, {"quantities": quantities})
     return check_run(directory, scene)
 
 

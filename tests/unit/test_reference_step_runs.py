@@ -1,16 +1,15 @@
 """Run folders with checked time steps, also with a Windkessel, whose reservoir follows from the flow rates."""
 
 import dataclasses
-import json
 import math
 
 import numpy as np
 import pandas as pd
 import pytest
-from test_reference_check import copy, failing, largest, scene_mesh
+from test_reference_check import copy, failing, largest, scene_mesh, write_run
 from test_reference_step import history_row, quantities_of, rest, write_history
 
-from ffsi.files.arrays import RawState, write_mesh, write_state
+from ffsi.files.arrays import RawState, write_state
 from ffsi.reference import terms
 from ffsi.reference.check import check_run
 from ffsi.reference.from_scene import problem_from_scene, refuse_other_step
@@ -49,12 +48,10 @@ def solved_run():
 @pytest.fixture
 def run(tmp_path, solved_run):
     scene, mesh, states, entries, rows, last = solved_run
-    write_mesh(tmp_path / "mesh.bin", mesh)
     for number, state in enumerate(states[1:], start=1):
         write_state(tmp_path / f"state-{number:06d}.bin", state)
     values = {key: value for key, value in CHANGES.items() if not isinstance(value, str)}
-    write_state(tmp_path / "point-0001.bin", states[-1])
-    (tmp_path / "point-0001.json").write_text(json.dumps({"parameters": values, "quantities": last}))
+    write_run(tmp_path, mesh, states[-1], {"parameters": values, "quantities": last})
     write_history(tmp_path, rows)
     rewrite(tmp_path, entries)
     return tmp_path, scene, [entry | {"quantities": dict(entry["quantities"])} for entry in entries]
@@ -94,11 +91,10 @@ def test_any_place_of_equal_jacobians_may_be_reported(tmp_path, solved_run):
     quantities = quantities_of(stepping, state)
     x, y = system.solids[2].elements.p1[2] @ mesh.vertices[system.solids[2].elements.vertices[3]]
     assert quantities["min_jacobian_flap_x"] != x
-    write_mesh(tmp_path / "mesh.bin", mesh)
-    for name in ("old.bin", "new.bin", "point-0001.bin"):
+    for name in ("old.bin", "new.bin"):
         write_state(tmp_path / name, state)
     quantities |= {"min_jacobian_flap_x": float(x), "min_jacobian_flap_y": float(y)}
-    (tmp_path / "point-0001.json").write_text(json.dumps({"quantities": quantities}))
+    write_run(tmp_path, mesh, state, {"quantities": quantities})
     write_history(tmp_path, [history_row(step, stepping, state)])
     entry = {"step": 1, "time": 0.05, "k": 0.05, "theta": 0.55, "old": "old.bin", "new": "new.bin"}
     rewrite(tmp_path, [entry | {"quantities": {"drag": 0.0, "lift": 0.0}}])
@@ -241,11 +237,9 @@ def written(tmp_path, windkessel):
     scene, mesh, states, last, history, entry = windkessel
 
     def write(entry_changes=(), history_changes=(), row=0):
-        write_mesh(tmp_path / "mesh.bin", mesh)
         write_state(tmp_path / "old.bin", states[-2])
         write_state(tmp_path / "new.bin", states[-1])
-        write_state(tmp_path / "point-0001.bin", states[-1])
-        (tmp_path / "point-0001.json").write_text(json.dumps({"quantities": last}))
+        write_run(tmp_path, mesh, states[-1], {"quantities": last})
         rewrite(tmp_path, [entry | dict(entry_changes)])
         rows = [dict(line) for line in history]
         rows[row] |= dict(history_changes)

@@ -1,17 +1,15 @@
 """Shear stress on the walls: exact flows, what people are shown, and the sums over cycles."""
 
 import itertools
-import json
 import math
 import struct
 
 import numpy as np
 import pytest
 from test_reference_cases import cantilever_problem, channel_mesh, channel_problem, flap_mesh, flap_problem, state_of
-from test_reference_check import CHANGES, failing, scene_mesh, solved
+from test_reference_check import CHANGES, failing, scene_mesh, solved, write_run
 from test_reference_residual import ROTATION, deformed_state
 
-from ffsi.files.arrays import write_mesh, write_state
 from ffsi.files.cycles import WallCycle, read_cycle
 from ffsi.hemodynamics import walls
 from ffsi.reference.check import check_run
@@ -72,9 +70,7 @@ def test_walls_are_wet_and_shown_alike_for_every_law():
 def test_run_whose_shear_stress_is_wrong_fails(tmp_path, monkeypatch):
     scene = with_values(CASES["flap-svk"], CHANGES)
     _, mesh, state, quantities = solved(problem_from_scene(scene), scene_mesh(scene))
-    write_mesh(tmp_path / "mesh.bin", mesh)
-    write_state(tmp_path / "point-0001.bin", state)
-    (tmp_path / "point-0001.json").write_text(json.dumps({"quantities": quantities}))
+    write_run(tmp_path, mesh, state, {"quantities": quantities})
     report = check_run(tmp_path, scene, shown=walls.shown_stress)
     assert report.failures == [] and report.wall_difference < 1e-12
     right = walls.wall_shear_stress

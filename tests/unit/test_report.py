@@ -16,7 +16,7 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.quiver import Quiver
 from PIL import Image
-from run_folders import exact, make_run
+from run_folders import exact, make_run, report_text
 from test_hemodynamics import channel, poiseuille, state
 
 from ffsi.files.arrays import write_arrays, write_mesh, write_state
@@ -280,8 +280,7 @@ def test_newton_history_is_logarithmic(tmp_path):
 
 
 def test_report_of_a_run(tmp_path):
-    write_report([make_run(tmp_path / "run")], tmp_path / "report.html")
-    html = (tmp_path / "report.html").read_text()
+    html = report_text(tmp_path, make_run(tmp_path / "run"))
     assert html.count("data:image/png;base64,") == 7  # domain, five fields, Newton's history
     assert len(html) < 1_000_000 and not re.findall(r"(?:src|href)=\"(?!data:|#)", html)
     for text in ("solved and checked", "<td>momentum</td>", "1.0e-11", "inflow.mean_velocity", "<td>drag</td>",
@@ -306,8 +305,7 @@ TO_1_PERCENT = {"tolerance": 0.01, "unknowns": 0, "rounds": MESHES}
     ],
 )
 def test_the_command_of_a_run_says_what_it_was_asked_for(data, said, tmp_path, quick, no_pictures):
-    write_report([make_run(tmp_path / "run", case="turek-fsi1", **data)], tmp_path / "report.html")
-    html = (tmp_path / "report.html").read_text()
+    html = report_text(tmp_path, make_run(tmp_path / "run", case="turek-fsi1", **data))
     assert said in html and ("14.3 ± 0.06 (-0.02)" in html and "Sizes of the estimated errors" in html) == (
         "adaptation" in data
     )
@@ -330,8 +328,7 @@ def test_remarks_follow_material_and_density():
 
 
 def test_formulas_belong_to_the_flap_only(tmp_path, quick, no_pictures):
-    write_report([make_run(tmp_path / "run", case="turek-fsi1")], tmp_path / "report.html")
-    html = (tmp_path / "report.html").read_text()
+    html = report_text(tmp_path, make_run(tmp_path / "run", case="turek-fsi1"))
     assert "Formulas" not in html and "14.29426" in html
 
 
@@ -341,8 +338,7 @@ def test_text_is_escaped_everywhere(tmp_path, quick):
         tmp_path / "run", case_name=evil, status="failed", failure="check", reason=evil,
         parameters={evil: 1.0}, quantities={evil: 2.0}, freefem={"version": evil, "solver": evil},
     )  # fmt: skip
-    write_report([path], tmp_path / "report.html", title=evil)
-    html = (tmp_path / "report.html").read_text()
+    html = report_text(tmp_path, path, title=evil)
     assert "<script>alert" not in html and html.count("&lt;script&gt;") >= 6
     write_report([path], tmp_path / "report.md", title=evil)
     assert not re.search(r"(?<!\\)<script", (tmp_path / "report.md").read_text())
@@ -352,8 +348,7 @@ def test_report_of_a_sweep(tmp_path, quick, freefem, check):
     freefem.fail = 0.03
     scene = load_scene("flap-svk", ["mesh.level=0", "output.pictures=false"])
     sweep.sweep(scene, {KEY: [0.01, 0.02, 0.03]}, tmp_path / "sweep")
-    write_report([tmp_path / "sweep"], tmp_path / "report.html")
-    html = (tmp_path / "report.html").read_text()
+    html = report_text(tmp_path, tmp_path / "sweep")
     settings = "--set mesh.level=0 --set output.pictures=false"
     assert f"ffsi sweep flap-svk {settings} --vary {KEY}=0.01,0.02,0.03 --out sweep" in html
     assert "flap-svk, sweep over mean inflow velocity" in html
@@ -385,12 +380,10 @@ def test_only_what_was_checked_is_called_so(tmp_path, quick, freefem, check, no_
         ("none", "0 of 2 points solved and checked; 2 solved, not checked", False),
         ("one", "1 of 3 points solved and checked; 1 failed the check; 1 not computed", False),
     ):
-        write_report([tmp_path / name], tmp_path / "report.html")
-        html = (tmp_path / "report.html").read_text()
+        html = report_text(tmp_path, tmp_path / name)
         assert f'<span class="status {"good" if good else "bad"}">{words}</span>' in html
     one_scene.solve(scene, tmp_path / "run", check=False)
-    write_report([tmp_path / "run"], tmp_path / "report.html")
-    assert '<span class="status bad">solved, not checked</span>' in (tmp_path / "report.html").read_text()
+    assert '<span class="status bad">solved, not checked</span>' in report_text(tmp_path, tmp_path / "run")
 
 
 @pytest.mark.parametrize(("failures", "checked", "words"), [
@@ -410,8 +403,7 @@ def test_warnings_and_what_could_not_be_evaluated_stand_in_the_report(tmp_path, 
     folder = make_run(tmp_path / "run", warnings=["time.step is long"], not_evaluated=notes)
     pictures = Result.picture
     monkeypatch.setattr(Result, "picture", lambda self, name: pictures(self, name if name == "pressure" else "none"))
-    write_report([folder], tmp_path / "report.html")
-    html = (tmp_path / "report.html").read_text()
+    html = report_text(tmp_path, folder)
     first = html.index('<section id="first"'), html.index('<section id="s1"')
     for text in ("time.step is long", "not evaluated: effective stress: no &lt;law&gt;",
                  "not evaluated: picture of the velocity: no picture"):  # fmt: skip
@@ -427,8 +419,7 @@ def test_warnings_of_a_sweep_are_counted(tmp_path, quick, freefem, check, monkey
     assert table["status"].tolist() == ["converged"] * 2
     assert table["not_evaluated"].str.count("division by zero").tolist()[1] == 3  # the point that is drawn
     monkeypatch.undo()
-    write_report([tmp_path / "sweep"], tmp_path / "report.html")
-    html = (tmp_path / "report.html").read_text()
+    html = report_text(tmp_path, tmp_path / "sweep")
     assert "not evaluated: picture of the pressure: division by zero (1 of 2 points)" in html
     assert '<span class="status bad">all 2 points solved and checked</span>' in html
 
@@ -492,11 +483,6 @@ def vessel(directory: Path, cycles: int = 0) -> Path:
     return directory
 
 
-def report(tmp_path: Path, run: Path) -> str:
-    write_report([run], tmp_path / "report.html")
-    return (tmp_path / "report.html").read_text()
-
-
 def drawn(result: Result) -> list[tuple[Figure, str]]:
     return [each for make in blood.PICTURES.values() for each in make(result)]
 
@@ -509,7 +495,7 @@ def rows(text: str, heading: str) -> list[list[str]]:
 
 
 def test_steady(tmp_path: Path) -> None:
-    text = report(tmp_path, vessel(tmp_path / "run"))
+    text = report_text(tmp_path, vessel(tmp_path / "run"))
     assert text.count("data:image/png;base64,") == 5  # domain, velocity, pressure, vorticity, walls
     assert "Wall shear stress and pressure along the walls, one curve per connected line" in text
     assert rows(text, "Parts of the walls") == [
@@ -521,7 +507,7 @@ def test_steady(tmp_path: Path) -> None:
 
 
 def test_every_line_of_the_walls_has_a_curve(tmp_path: Path) -> None:
-    text = report(tmp_path, vessel(tmp_path / "run", cycles=2))
+    text = report_text(tmp_path, vessel(tmp_path / "run", cycles=2))
     assert "relative residence time of cycle 2 along the walls" in text
     head, first, second = rows(text, "Cycles")
     assert head == [
@@ -567,7 +553,7 @@ def test_other_scenes_have_nothing_of_it(tmp_path: Path) -> None:
 
 
 def test_words_among_the_parameters(tmp_path: Path) -> None:
-    text = report(tmp_path, vessel(tmp_path / "run", cycles=1))
+    text = report_text(tmp_path, vessel(tmp_path / "run", cycles=1))
     cells = re.findall(r"<tr><td>(\S+)</td><td[^>]*>([^<]*)</td>.*?</tr>", text)
     found = dict(cells)
     assert found["fluid.law"] == "carreau" and found["outlet.kind"] == "do-nothing"

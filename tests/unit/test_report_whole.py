@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from browser import CHROMIUM, chromium
-from run_folders import make_run
+from run_folders import make_run, report_text
 
 from ffsi.files.errors import InputError
 from ffsi.hemodynamics.result import Result, load_result
@@ -95,9 +95,8 @@ def of_point(result: Result) -> list[float]:
 
 def test_every_number_of_a_run_is_in_its_files(tmp_path, quick):
     run = make_run(tmp_path / "run")
-    write_report([run], tmp_path / "report.html")
     known = of_files(run) + of_point(load_result(run))
-    found = shown((tmp_path / "report.html").read_text())
+    found = shown(report_text(tmp_path, run))
     assert len(found) > 30 and [where for number, where in found.items() if not traced(number, known)] == []
     assert not traced("123.4567", known)
 
@@ -106,13 +105,12 @@ def test_every_number_of_a_sweep_is_in_its_files(tmp_path, quick, freefem, check
     freefem.fail = 0.03
     base = load_scene("flap-svk", ["mesh.level=0", "output.pictures=false", "output.vtu=false"])
     sweep.sweep(base, {KEY: [0.01, 0.02, 0.03], "fluid.density": [1.0, 2.0]}, tmp_path / "sweep")
-    write_report([tmp_path / "sweep"], tmp_path / "report.html")
+    text = report_text(tmp_path, tmp_path / "sweep")
     table = pd.read_csv(tmp_path / "sweep" / "sweep.csv")
     shown_point = table[table["status"] == "converged"].iloc[-1]
     last = load_result(tmp_path / "sweep" / shown_point["folder"], int(shown_point["point"]))
     known = [*of_files(tmp_path / "sweep"), *of_point(last), *table["failure"].value_counts(), len(table)]
     known += [float(table["checked"].sum())]
-    text = (tmp_path / "report.html").read_text()
     assert [where for number, where in shown(text).items() if not traced(number, known)] == []
     assert "Over both varied values" in text and "J too small" in text
 
@@ -162,8 +160,7 @@ def test_a_run_that_was_killed_is_shown_as_far_as_it_got(tmp_path, quick, in_tim
     (tmp_path / "run" / "result.json").unlink()
     (result,) = runs.open_run(tmp_path / "run")
     assert result.data["time"]["reached"] == pytest.approx(1.2)
-    write_report([tmp_path / "run"], tmp_path / "report.html")
-    text = (tmp_path / "report.html").read_text()
+    text = report_text(tmp_path, tmp_path / "run")
     assert "it has not ended, or was ended from outside" in text
     assert '<span class="status bad">stopped before its end</span>' in text and "t = 1.2 of 2 s, 24 steps" in text
     assert "data:image/gif;base64," in text
@@ -178,8 +175,7 @@ def test_a_folder_without_a_run_is_refused(tmp_path):
 
 def test_runs_stand_beside_each_other(tmp_path, quick):
     paths = [make_run(tmp_path / name, case=case) for name, case in (("a", "flap-svk"), ("b", "flap-neo-hookean"))]
-    write_report(paths, tmp_path / "report.html", author="A. Person")
-    text = (tmp_path / "report.html").read_text()
+    text = report_text(tmp_path, *paths, author="A. Person")
     table = text[text.index("Scenes side by side") : text.index("Scenes side by side") + 4000]
     assert "st-venant-kirchhoff" in table and "neo-hookean" in table
     assert text.index("Quantities side by side") < text.index('id="s2"') and "A. Person" in text
@@ -187,12 +183,10 @@ def test_runs_stand_beside_each_other(tmp_path, quick):
 
 def test_a_report_leaves_out_what_makes_it_large(tmp_path, quick, monkeypatch):
     paths = [make_run(tmp_path / name) for name in ("a", "b")]
-    write_report(paths, tmp_path / "report.html")
-    whole = (tmp_path / "report.html").read_text()
+    whole = report_text(tmp_path, *paths)
     assert whole.count("<canvas class=") == 2 and "Left out" not in whole
     monkeypatch.setattr("ffsi.report.html.LARGEST", len(whole.encode()) - 1)
-    write_report(paths, tmp_path / "report.html")
-    text = (tmp_path / "report.html").read_text()
+    text = report_text(tmp_path, *paths)
     assert len(text) < len(whole) and text.count("<canvas class=") == 1
     assert text.index("<canvas class=") < text.index("Left out: with this")
 

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from PIL import Image
-from run_folders import given_state, make_run, structured_mesh
+from run_folders import given_state, make_run, report_text, structured_mesh
 from test_cli import call
 from time_folders import FREQUENCY, scene_in_time, signals
 
@@ -24,7 +24,6 @@ from ffsi.files.steps import SavedStep, read_steps
 from ffsi.freefem import Event, FreeFEMError
 from ffsi.hemodynamics.result import load_result
 from ffsi.report import history as histories
-from ffsi.report import write_report
 from ffsi.report.animation import write_animation
 from ffsi.result import in_time, oscillation, pictures, vtu
 from ffsi.result.fields import Fields
@@ -117,8 +116,7 @@ def test_a_crash_before_the_first_step(tmp_path, in_time, monkeypatch):
         one_scene.solve(scene_in_time(), tmp_path / "run")
     data = json.loads((tmp_path / "run" / "result.json").read_text())
     assert (data["quantities"], data["time"]["reached"], data["time"]["periodic"]) == ({}, 0.0, False)
-    write_report([tmp_path / "run"], tmp_path / "report.html")
-    assert "at once" in (tmp_path / "report.html").read_text()
+    assert "at once" in report_text(tmp_path, tmp_path / "run")
 
 
 def test_an_earlier_run_is_replaced(tmp_path, in_time):
@@ -406,9 +404,6 @@ def test_a_killed_run_says_how_to_go_on_and_goes_on(capsys, in_time, check, scen
     code, out, err = call(capsys, "run", "--resume", "there")
     assert "there: going on from t = " in err and code == 0
     assert "t = 2 of 2 s, 40 steps" in out and in_time.first_steps == [1, 21]
-    code, out, err = call(capsys, "run", "--resume", "there")
-    assert (code, out) == (2, "")
-    assert "the run in there is finished (converged); there is nothing to resume" in err
 
 
 def test_a_stopped_run_has_its_exit_code(capsys, in_time, check, scene_file):
@@ -416,12 +411,7 @@ def test_a_stopped_run_has_its_exit_code(capsys, in_time, check, scene_file):
     code, _, err = call(capsys, "run", scene_file, "--out", "there")
     assert code == 3 and "stopped at t = 0.65 s of 2 s; what there is lies in there" in err
     assert "ffsi run --resume there goes on from t = 0.5 s" in err
-
-
-def test_without_resume_the_run_is_replaced(capsys, in_time, check, scene_file):
-    in_time.die = 23
-    call(capsys, "run", scene_file, "--out", "there")
-    in_time.die = None
+    in_time.stop_at = None  # without --resume the run is replaced
     assert call(capsys, "run", scene_file, "--out", "there")[0] == 0 and in_time.first_steps == [1, 1]
 
 
@@ -496,8 +486,7 @@ def test_a_series_for_paraview(tmp_path):
 
 def test_the_report_shows_the_history(tmp_path, in_time, check):
     one_scene.solve(scene_in_time("time.end=3"), tmp_path / "run")
-    write_report([tmp_path / "run"], tmp_path / "report.html")
-    text = (tmp_path / "report.html").read_text()
+    text = report_text(tmp_path, tmp_path / "run")
     assert "Over time: t = 3 of 3 s, 60 steps, not periodic" in text
     assert "on the right the last 2 periods, grey: the last one" in text
     assert "Quantities over the last period" in text and "Newton&#39;s method" not in text
