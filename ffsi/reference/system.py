@@ -231,14 +231,11 @@ def _rows(
     in_fluid, in_solid = _mask(mesh.n_p2, mesh.p2[inside]), _mask(mesh.n_p2, mesh.p2[~inside])
     wet = _mask(len(mesh.vertices), mesh.triangles[inside])
     normal, corner = node_normals(mesh, problem.labels("slip"))
-    held_u, held_v, prescribed = _conditions(problem, mesh, time, corner)
+    held_u, held_v, prescribed = _conditions(problem, mesh, time, corner, in_solid)
     v_normal = normal.copy()
     for boundary in problem.boundaries:
         if boundary.still is not None:
             v_normal[mesh.edge_nodes[mesh.label == boundary.label]] = boundary.still
-    if (wrong := in_solid & held_u & ~held_v).any():
-        at = mesh.p2_coordinates[np.flatnonzero(wrong)[0]]
-        raise ValueError(f"{problem.name}: the outlet fixes u but not v of the solid at {at.tolist()}")
     none = np.zeros_like(in_solid)
     moving = fluid is not None or time is not None
     nv = len(mesh.vertices)
@@ -263,10 +260,12 @@ def _rows(
     )
 
 
-def _conditions(problem: Problem, mesh: RawMesh, time: float | None, corner: Mask) -> tuple[Mask, Mask, RawState]:
+def _conditions(
+    problem: Problem, mesh: RawMesh, time: float | None, corner: Mask, in_solid: Mask
+) -> tuple[Mask, Mask, RawState]:
     """Nodes whose u, and whose v, a boundary prescribes, and the values at a time (None: steady); zero elsewhere.
 
-    Corners (n2,) of slip boundaries rest.
+    Corners (n2,) of slip boundaries rest, and nodes of solids at inlets and outlets.
     At a common node walls win over an inlet, those at rest over those that move along themselves, and of these the last
     one; walls with a displacement win over all others.
     """
@@ -283,12 +282,13 @@ def _conditions(problem: Problem, mesh: RawMesh, time: float | None, corner: Mas
         nodes = mesh.edge_nodes[mesh.label == boundary.label]
         if boundary.role in ("inlet", "outlet", "no-slip", "clamped"):
             held_u[nodes] = True
+            held_v[nodes] |= in_solid[nodes]
         if boundary.role in ("inlet", "no-slip", "clamped"):
             held_v[nodes] = True
             v[nodes] = 0.0
         if boundary.role == "inlet" and (inflow := boundary.inflow or problem.inflow) is not None:
             walls = [b.label for b in problem.boundaries if b.role in ("no-slip", "clamped") and b.motion is None]
-            resting = np.isin(nodes, mesh.edge_nodes[np.isin(mesh.label, walls)])
+            resting = np.isin(nodes, mesh.edge_nodes[np.isin(mesh.label, walls)]) | in_solid[nodes]
             v[nodes] = _entering(inflow, mesh.p2_coordinates[nodes], resting, time or 0.0)
         if boundary.role == "no-slip" and boundary.circle is not None:
             if not problem.chords:

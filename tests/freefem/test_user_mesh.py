@@ -131,6 +131,15 @@ def test_levels(vessel, tmp_path) -> None:
     assert json.loads((out / "result.json").read_text())["triangles"] == 4 * coarse
 
 
+def test_ends_of_a_solid_rest_at_inlet_and_outlet(vessel, tmp_path) -> None:
+    """Also where nothing clamps them, and where the fluid comes in by plug flow."""
+    table = scene(support={"stiffness": "1 MPa/m"}, inflow={"mean_velocity": "5 cm/s", "profile": "uniform"})
+    table["geometry"]["boundaries"]["supported"] = table["geometry"]["boundaries"].pop("clamped") and "wall"
+    (vessel / "held.toml").write_text(tomli_w.dumps(table))
+    assert run("run", vessel / "held.toml", "--out", tmp_path / "out") == 0 and largest_check(tmp_path / "out") < 1e-8
+    assert abs(json.loads((tmp_path / "out/result.json").read_text())["quantities"]["mass_balance"]) < 1e-12
+
+
 def ring(folder: Path, along: int, across: int, curved: list[str] | None, level: int = 0) -> Scene:
     """Return a quarter of a ring with unevenly long edges, through which a pressure drives a fluid without inertia."""
     sides = lambda x, y: 1 + (x == 1) if x in (0, 1) else 3 + (y > 1)  # noqa: E731
