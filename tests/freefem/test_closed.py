@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from own_mesh import scene_on, write_mesh
+from own_mesh import checked, scene_on, write_mesh
 from scipy.optimize import brentq
 from structured import structured_mesh
 from test_walls import RUBBER, WATER, state_of
@@ -39,8 +39,7 @@ def box(folder, boundaries, *, lid: bool = False, **tables) -> Scene:
 def test_a_fluid_at_rest_has_its_weight(time, tmp_path):
     gravity = {"x": 0.5, "y": -2.0}
     scene = box(tmp_path, {"walls": SIDES}, fluid={**WATER, "mean_pressure": LEVEL}, gravity=gravity, **time)
-    result = solve(scene, tmp_path / "run")
-    assert result.checked, result.reason
+    result = checked(scene, tmp_path / "run")
     mesh, state = state_of(result)
     np.testing.assert_allclose(state.v, 0, atol=1e-10)
     pressure = LEVEL + RHO * (mesh.vertices - [LENGTH / 2, 0.5]) @ [gravity["x"], gravity["y"]]
@@ -56,8 +55,7 @@ def through(folder, **tables) -> Scene:
 
 
 def test_what_comes_in_goes_out_at_the_other_inlet(tmp_path):
-    result = solve(through(tmp_path, fluid={**WATER, "mean_pressure": LEVEL}), tmp_path / "run", error=True)
-    assert result.checked, result.reason
+    result = checked(through(tmp_path, fluid={**WATER, "mean_pressure": LEVEL}), tmp_path / "run", error=True)
     assert result.data["errors"]["drag"]["bar"] < 1e-12  # P2 holds the flow
     mesh, state = state_of(result)
     x, y = mesh.p2_coordinates.T
@@ -99,8 +97,7 @@ def test_a_balloon_holds_what_comes_in(kind, tmp_path):
     sides = {"inlet": "left", "walls": ["right", "low"], "clamped": "ends"}
     inflow = {"mean_velocity": 0.3, "profile": "uniform", "waveform": "sin(9*t)"}
     tables = {"time": {"step": 0.005, "end": 0.1}, "inflow": inflow, "mesh_motion": {"kind": kind}}
-    result = solve(box(tmp_path, sides, lid=True, **tables), tmp_path / "run")
-    assert result.checked, result.reason
+    result = checked(box(tmp_path, sides, lid=True, **tables), tmp_path / "run")
     mesh, state = state_of(result)
     corners = (mesh.p2_coordinates + state.u)[mesh.p2[mesh.region == 1]]  # both sides of each quadratic triangle
     area = sum(
@@ -140,6 +137,5 @@ def test_refused(sides, tables, text, tmp_path):
 def test_a_wall_may_move_in_a_closed_fluid_that_keeps_its_volume(tmp_path):
     sides = {"walls": ["left", "right"], "slip": ["low", "high"]}
     walls = {"left": {"displacement_x": "0.1*(1-cos(5*t))*(y-0.5)"}}
-    result = solve(box(tmp_path, sides, walls=walls, time=TIME), tmp_path / "run")
-    assert result.checked, result.reason
+    result = checked(box(tmp_path, sides, walls=walls, time=TIME), tmp_path / "run")
     assert np.abs(state_of(result)[1].v[:, 0]).max() == pytest.approx(0.25 * np.sin(1), rel=1e-8)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from conftest import scene_of
-from own_mesh import scene_on, write_mesh
+from own_mesh import checked, scene_on, write_mesh
 from structured import structured_mesh
 
 from ffsi.run.one_scene import solve
@@ -46,8 +46,7 @@ def oscillator(rate, steps, wave=WAVE):
     ({"viscosity": 3.0, "mass_damping": 1.5}, 1.5 + 3.0 / DENSITY * WAVE**2),
 ])  # fmt: skip
 def test_a_bar_decays_as_an_oscillator(damping, rate, tmp_path):
-    result = solve(bar(tmp_path, **damping), tmp_path / "run")
-    assert result.checked
+    result = checked(bar(tmp_path, **damping), tmp_path / "run")
     tip = 1e6 * result.history["tip_ux"].to_numpy()
     np.testing.assert_allclose(tip, oscillator(rate, len(tip)), rtol=0, atol=2e-5)
     history = result.history
@@ -63,8 +62,7 @@ def test_a_bar_that_has_come_to_rest_is_checked(tmp_path):
 
 
 def test_a_bar_pulled_against_a_spring(tmp_path):
-    result = solve(bar(tmp_path, None, {"traction_x": 3.0, "stiffness": 7.0}), tmp_path / "run")
-    assert result.checked
+    result = checked(bar(tmp_path, None, {"traction_x": 3.0, "stiffness": 7.0}), tmp_path / "run")
     assert result.quantities["tip_ux"] == pytest.approx(3.0 / (YOUNG / LENGTH + 7.0), rel=1e-10)
     with pytest.raises(SceneError, match=r"loads\.end\.damping: only accepted in a scene with a table time"):
         bar(tmp_path, None, {"damping": 1.0})
@@ -72,8 +70,7 @@ def test_a_bar_pulled_against_a_spring(tmp_path):
 
 def test_a_damper_takes_the_wave(tmp_path):
     """One with the impedance sqrt(E rho) sends nothing back: after the time of two lengths all is at rest."""
-    result = solve(bar(tmp_path, WAVE, {"damping": np.sqrt(YOUNG * DENSITY), "stiffness": 0.0}), tmp_path / "run")
-    assert result.checked
+    result = checked(bar(tmp_path, WAVE, {"damping": np.sqrt(YOUNG * DENSITY), "stiffness": 0.0}), tmp_path / "run")
     assert result.history["kinetic"].iloc[-1] < 1e-2 * result.history["kinetic"].max()
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from own_mesh import scene_on, write_mesh
+from own_mesh import checked, scene_on, write_mesh
 from structured import structured_mesh
 from test_walls import channel, flap, state_of
 
@@ -97,8 +97,7 @@ def test_a_flow_goes_on(tmp_path):
     start = {"velocity_x": "6*1.5*y*(1-y)"}
     inflow = {"mean_velocity": 1.5}
     scene = channel(tmp_path, {"walls": ["low", "high"]}, inflow=inflow, start=start, time={"step": 0.1, "end": 0.3})
-    result = solve(scene, tmp_path / "run")
-    assert result.checked
+    result = checked(scene, tmp_path / "run")
     mesh, state = state_of(result)
     y = mesh.p2_coordinates[:, 1]
     np.testing.assert_allclose(state.v[:, 0], 9 * y * (1 - y), rtol=0, atol=1e-9)

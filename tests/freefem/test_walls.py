@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from conftest import scene_of
-from own_mesh import scene_on, write_mesh
+from own_mesh import checked, scene_on, write_mesh
 from recipes import copy_program, refused
 from scipy.interpolate import CubicSpline
 from structured import structured_mesh
@@ -45,8 +45,7 @@ def state_of(result):
 def test_a_uniform_flow_slips_through(time, tmp_path):
     inflow = {"mean_velocity": 1.5, "profile": "uniform"} | ({"ramp": 0.2} if time else {})
     scene = channel(tmp_path, {"slip": ["low", "high"]}, inflow=inflow, **({"time": time} if time else {}))
-    result = solve(scene, tmp_path / "run")
-    assert result.checked
+    result = checked(scene, tmp_path / "run")
     _, state = state_of(result)
     np.testing.assert_allclose(state.v, np.broadcast_to([1.5, 0.0], state.v.shape), rtol=0, atol=1e-9)
     np.testing.assert_allclose(state.p, 0.0, atol=1e-8)
@@ -57,8 +56,7 @@ def test_a_uniform_flow_slips_through(time, tmp_path):
 def test_a_flow_between_walls_at_rest_loses_nothing_at_its_ends(profile, tmp_path):
     """Half of an edge at each end carried nothing, a twelfth of the uniform flow here."""
     inflow = {"mean_velocity": 1.5, "profile": profile}
-    result = solve(channel(tmp_path, {"walls": ["low", "high"]}, inflow=inflow), tmp_path / "run")
-    assert result.checked
+    result = checked(channel(tmp_path, {"walls": ["low", "high"]}, inflow=inflow), tmp_path / "run")
     mesh, state = state_of(result)
     for label in (1, 2):
         edges = mesh.edge_nodes[np.abs(mesh.p2_coordinates[mesh.edge_nodes[:, 2], 0] - 2 * (label - 1)) < 1e-12]
@@ -81,8 +79,7 @@ def test_walls_carry_the_fluid_along(waveform, tmp_path):
     inflow = {"mean_velocity": 3, "profile": "y/H"} | ({"waveform": waveform} if waveform else {})
     scene = channel(tmp_path, {"walls": ["low", "high"]}, walls={"high": lid}, inflow=inflow, **time)
     assert scene.geometry.boundaries.walls == ("low",)
-    result = solve(scene, tmp_path / "run")
-    assert result.checked
+    result = checked(scene, tmp_path / "run")
     mesh, state = state_of(result)
     factor = np.cos(2) if waveform == "cos(t)" else 1.0
     error = 3e-2 if waveform == "cos(t)" else 1e-7  # that of Couette flow without inertia
@@ -271,8 +268,7 @@ def linear(time):
 @pytest.mark.parametrize("kind", ["linear-elastic", "hyperelastic"])
 def test_a_piston_drives_a_plug(kind, tmp_path):
     time = {"step": 0.05, "end": 1.55}  # it nearly rests then, and what is left of its speed is checked
-    result = solve(cylinder(tmp_path, mesh_motion={"kind": kind}, time=time), tmp_path / "run")
-    assert result.checked
+    result = checked(cylinder(tmp_path, mesh_motion={"kind": kind}, time=time), tmp_path / "run")
     mesh, state = state_of(result)
     (place, speed), (before, old_speed) = linear(1.55), linear(1.5)
     np.testing.assert_allclose(state.v, np.broadcast_to([speed, 0.0], state.v.shape), rtol=0, atol=1e-9)
@@ -338,8 +334,7 @@ def test_a_piston_moves_as_a_file_says(tmp_path):
     x = 0.3 * np.sin(np.pi * at / 0.6) ** 12  # from rest, and comes back, where the terms of the spline cancel
     rows = "".join(f"{a},{b},0\n" for a, b in zip(at.tolist(), x.tolist(), strict=True))
     scene = moved_by_file(tmp_path, "t, x, y\n" + rows)
-    result = solve(scene, tmp_path / "run")
-    assert result.checked, result.reason
+    result = checked(scene, tmp_path / "run")
     spline = CubicSpline(at, x, bc_type=((1, 0.0), (2, 0.0)))
     flow = result.history["flow_through_out"] - result.history["flow_through_open"]
     np.testing.assert_allclose(flow, spline(result.history["time"], 1), rtol=0, atol=1e-9)
@@ -352,8 +347,7 @@ def test_a_cylinder_pitches_as_a_file_says(tmp_path):
     (tmp_path / "pitch.csv").write_text("\n".join(["t,x,y,angle", *rows]))
     wall = [f'walls.cylinder.displacement_file="{tmp_path}/pitch.csv"', "walls.cylinder.centre_x=0.15"]
     scene = scene_of("cylinder-2d1", *wall, "walls.cylinder.centre_y=0.2", "time.step=0.02", "time.end=0.1")
-    result = solve(scene, tmp_path / "run")
-    assert result.checked, result.reason
+    result = checked(scene, tmp_path / "run")
     assert load_scene(tmp_path / "run/scene.toml") == scene
     mesh, state = state_of(result)
     rim = np.unique(mesh.edge_nodes[mesh.label == 4])

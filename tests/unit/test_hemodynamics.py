@@ -85,11 +85,6 @@ def test_walls_of_flows_have_their_points_and_spatial_gradients() -> None:
     assert tau[:, 0] == pytest.approx(100 * 0.004708, rel=1e-3)
 
 
-@pytest.mark.parametrize(("rate", "viscosity"), [(1.0, 0.027098), (100.0, 0.004708), (1000.0, 0.003736)])
-def test_carreau_viscosity_of_blood(rate: float, viscosity: float) -> None:
-    assert Carreau(density=1035.0).apparent_viscosity(np.array([rate])) == pytest.approx(viscosity, rel=1e-4)
-
-
 def test_other_laws_and_flow_rates() -> None:
     rate = np.array([0.0, 3.0])
     assert NEWTONIAN.apparent_viscosity(rate).tolist() == [0.02, 0.02]

@@ -20,6 +20,7 @@ LENGTH, HEIGHT = 2.0, 1.0
 MEAN_VELOCITY = 0.3
 BLOCK = (0.75, 1.0, 0.5)  # left, right, top of the elastic block on the floor
 ROOF = (0.5, 1.5, 0.25)  # left, right, thickness of the elastic part of the roof
+ENDS = {0.0: 1, LENGTH: 2}  # labels of the left and the right one, by x
 BUMP = (1.0, -0.3, 0.5)  # centre and radius of the circle whose top stands out of the floor
 
 
@@ -40,8 +41,8 @@ def flap_mesh(n=8):
     """Channel with a block on its floor; n rectangles over the height."""
 
     def label(x, y):
-        if x in (0.0, LENGTH):
-            return 1 if x == 0.0 else 2
+        if x in ENDS:
+            return ENDS[x]
         if y in (0.0, HEIGHT):
             return 6 if y == 0.0 and in_block(x, y) else 3
         return 5
@@ -72,8 +73,8 @@ def roof_mesh(n=8):
     def label(x, y):
         if y > HEIGHT:
             return 11 if x in ROOF[:2] else 7
-        if x in (0.0, LENGTH):
-            return 1 if x == 0.0 else 2
+        if x in ENDS:
+            return ENDS[x]
         if y == HEIGHT:
             return 10 if ROOF[0] < x < ROOF[1] else 3
         if y == 0.0:
@@ -104,14 +105,8 @@ def roof_problem(**changes) -> Problem:
 
 def channel_mesh(nx=6, ny=4, grading=1.0, region=1) -> RawMesh:
     """Rectangle with the labels 1 left, 2 right, 3 top, 4 floor; ``grading`` above 1 narrows the cells to the floor."""
-
-    def label(x, y):
-        if x in (0.0, LENGTH):
-            return 1 if x == 0.0 else 2
-        return 4 if y == 0.0 else 3
-
-    y = HEIGHT * np.linspace(0, 1, ny + 1) ** grading
-    return structured_mesh(np.linspace(0, LENGTH, nx + 1), y, lambda x, y: region, label)
+    x, y = np.linspace(0, LENGTH, nx + 1), HEIGHT * np.linspace(0, 1, ny + 1) ** grading
+    return structured_mesh(x, y, lambda x, y: region, lambda x, y: ENDS.get(x) or (4 if y == 0.0 else 3))
 
 
 def channel_problem(**changes) -> Problem:
@@ -146,13 +141,10 @@ def bump_mesh(nx=16, ny=8) -> RawMesh:
             np.linspace(xc + half, LENGTH, nx // 4 + 1),
         ]
     )
-
-    def label(x, y):
-        if x in (0.0, LENGTH):
-            return 1 if x == 0.0 else 2
-        return 3 if y == HEIGHT or abs(x - xc) > half else 5
-
-    flat = structured_mesh(x, np.linspace(0, HEIGHT, ny + 1), lambda x, y: 1, label)
+    flat = structured_mesh(
+        x, np.linspace(0, HEIGHT, ny + 1), lambda x, y: 1,
+        lambda x, y: ENDS.get(x) or (3 if y == HEIGHT or abs(x - xc) > half else 5),
+    )  # fmt: skip
     vx, vy = flat.vertices.T
     rise = np.maximum(yc + np.sqrt(np.maximum(radius**2 - (vx - xc) ** 2, 0.0)), 0.0)
     rise[np.isclose(abs(vx - xc), half)] = 0.0

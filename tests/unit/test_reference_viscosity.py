@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 from test_reference_cases import HEIGHT, LENGTH
 from test_reference_check import failing
 from test_reference_step import beating, stepped
-from test_reference_step_terms import random_state, random_step
+from test_reference_step_terms import random_state, random_step, rotation
 
 from ffsi.reference import from_scene, terms
 from ffsi.reference.conditions import Outlet
@@ -191,10 +191,6 @@ MATERIALS = [
 SPLIT = [entry for entry in MATERIALS if isinstance(entry[0], SplitMaterial)]
 GRADIENTS = np.random.default_rng(3).normal(size=(50, 2, 2)) * 0.3
 GRADIENTS = GRADIENTS[determinant(IDENTITY + GRADIENTS) > 0.3]
-
-
-def rotation(angle):
-    return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
 
 
 ROTATION = rotation(0.7)
