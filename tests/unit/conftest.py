@@ -10,6 +10,8 @@ from run_folders import FakeCheck, FakeFreeFEM, given_state, structured_mesh
 from time_folders import FakeTimeFreeFEM
 
 from ffsi.freefem import FreeFEMNotFound
+from ffsi.report import runs
+from ffsi.report.blocks import Picture
 from ffsi.result.fields import Fields
 from ffsi.run import chain, execute, meshing, one_scene, sweep, watch
 from studies import harness
@@ -67,6 +69,13 @@ def check(monkeypatch) -> FakeCheck:
 def fields() -> Fields:
     mesh = structured_mesh()
     return Fields.from_raw(mesh, given_state(mesh))
+
+
+@pytest.fixture
+def quick(monkeypatch) -> None:
+    """Draw, but make no files of a report's pictures: that takes most of the time."""
+    monkeypatch.setattr(runs, "FRAME_DPI", 30)
+    monkeypatch.setattr(Picture, "of", classmethod(lambda cls, figure, caption, maximum: cls(b"png", caption)))
 
 
 @pytest.fixture

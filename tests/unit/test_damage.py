@@ -7,6 +7,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 from test_cli import call
+from test_study import KEY, SCENE
 from time_folders import scene_in_time
 
 import ffsi
@@ -16,12 +17,9 @@ from ffsi.freefem import FreeFEMError
 from ffsi.hemodynamics.result import load_result, load_results
 from ffsi.report import write_report
 from ffsi.run import one_scene, sweep
-from ffsi.scene import load_scene
 
 pytestmark = pytest.mark.usefixtures("check")
-KEY = "inflow.mean_velocity"
 VALUES = {KEY: [0.01, 0.02, 0.03]}
-SCENE = load_scene("flap-svk", ["mesh.level=0", "output.pictures=false", "output.vtu=false"])
 
 
 def cut(path: Path) -> None:

@@ -7,8 +7,8 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from test_cli import call
 
-from ffsi.cli.main import main
 from ffsi.scene.keys import markdown, scene_keys
 
 ROOT = Path(__file__).parents[2]
@@ -67,10 +67,9 @@ def test_a_key_says_what_is_accepted():
     ("outlet", "outlet.kind", 16), ("*velocity", "inflow.mean_velocity", 4), ("solid.flap.c10", "solid.NAME.c10", 1),
 ])  # fmt: skip
 def test_the_command_lists_a_table_or_a_pattern(pattern, first, count, capsys):
-    with pytest.raises(SystemExit) as ended:
-        main(["keys", pattern, "--json"])
-    found = json.loads(capsys.readouterr().out)
-    assert (ended.value.code, found[0]["key"], len(found)) == (0, first, count)
+    code, out, _ = call(capsys, "keys", pattern, "--json")
+    found = json.loads(out)
+    assert (code, found[0]["key"], len(found)) == (0, first, count)
 
 
 # What the README says of a case on a level: the largest error of these quantities, in per cent.

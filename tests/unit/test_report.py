@@ -24,7 +24,6 @@ from ffsi.files.errors import InputError
 from ffsi.hemodynamics.result import Result, load_result
 from ffsi.hemodynamics.walls import wall_points
 from ffsi.report import blocks, blood, curves, formulas, history, walls, write_report
-from ffsi.report.blocks import Picture
 from ffsi.result import gradients, painting, pictures, views
 from ffsi.result.fields import Fields
 from ffsi.result.words import tally
@@ -32,12 +31,6 @@ from ffsi.run import one_scene, sweep
 from ffsi.scene import CASES, Scene, load_scene
 
 KEY = "inflow.mean_velocity"
-
-
-@pytest.fixture
-def quick(monkeypatch) -> None:
-    """Draw, but make no files of pictures: that takes most of the time."""
-    monkeypatch.setattr(Picture, "of", classmethod(lambda cls, figure, caption, maximum: cls(b"png", caption)))
 
 
 def pixels(figure) -> np.ndarray:

@@ -18,7 +18,6 @@ from run_folders import make_run, report_text
 from ffsi.files.errors import InputError
 from ffsi.hemodynamics.result import Result, load_result
 from ffsi.report import runs, scene, viewer, write_report
-from ffsi.report.blocks import Picture
 from ffsi.result.refinement import limit, refinement
 from ffsi.run import one_scene, sweep
 from ffsi.scene import load_scene
@@ -29,13 +28,6 @@ from studies.__main__ import main
 KEY = "inflow.mean_velocity"
 SWING = ("mesh.level=0", "time.step=0.05", "output.pictures=false", "output.vtu=false")
 NUMBER = re.compile(r"(?<![\w.])[-−+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?(?![\w])")
-
-
-@pytest.fixture
-def quick(monkeypatch) -> None:
-    """Make no files of pictures: that takes most of the time."""
-    monkeypatch.setattr(runs, "FRAME_DPI", 30)
-    monkeypatch.setattr(Picture, "of", classmethod(lambda cls, figure, caption, maximum: cls(b"png", caption)))
 
 
 def shown(text: str) -> dict[str, str]:

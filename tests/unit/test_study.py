@@ -11,9 +11,9 @@ import numpy as np
 import pandas as pd
 import pint
 import pytest
+from test_cli import call
 
 import ffsi
-from ffsi.cli.main import main
 from ffsi.cli.vary import parse_all, parse_vary, read_points
 from ffsi.files.errors import InputError
 from ffsi.hemodynamics.result import Result
@@ -260,12 +260,12 @@ def test_a_study_is_read_from_its_folder(tmp_path, freefem):
     assert grid["drag"].sel({KEY: 0.02, "fluid.viscosity": 2e-3}) == 0.04 and grid["drag"].attrs["units"] == "N/m"
     assert {path.suffix for path in study.write_fields([0])} == {".vtu", ".png"}
     assert repr(study).endswith("all 4 points solved and checked")
-    for call in (
+    for wrong in (
         lambda: study.result(4), lambda: study.result("0"), lambda: study.write_fields(0),
         lambda: study.plot(KEY, "drug"), lambda: study.plot(KEY, "drag", by=[KEY]),
     ):  # fmt: skip
         with pytest.raises(InputError):
-            call()
+            wrong()
     with pytest.raises(InputError, match=r"holds no sweep$"):
         ffsi.Study(tmp_path)
 
@@ -490,22 +490,20 @@ def test_a_study_s_file_and_a_file_of_points_say_the_same_as_python(tmp_path, fr
     Path("points.csv").write_text("inflow.mean_velocity, fluid.viscosity\n1 cm/s,1e-3\n0.02,2e-3\n")
     level = ["--set", "mesh.level=0", "--set", "output.pictures=false", "--set", "output.vtu=false"]
     for words in (["study.toml", "--out", "a"], ["flap-svk", *level, "--points", "points.csv", "--out", "b"]):
-        with pytest.raises(SystemExit, match="0"):
-            main(["sweep", *words])
-        printed = capsys.readouterr()
+        code, _, printed = call(capsys, "sweep", *words)
+        assert code == 0
     sweep(SCENE, {KEY: [0.01, 0.02], "fluid.viscosity": [1e-3, 2e-3]}, "c", "zip")
     texts = {Path(name, "sweep.toml").read_text() for name in "abc"}
     assert len(texts) == 1
-    assert "1/2 inflow.mean_velocity = 0.01, fluid.viscosity = 0.001: converged" in printed.err
+    assert "1/2 inflow.mean_velocity = 0.01, fluid.viscosity = 0.001: converged" in printed
 
 
 def test_a_setting_of_the_call_wins_over_the_study_s_and_json_has_all_digits(tmp_path, freefem, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     Path("study.toml").write_text(STUDY.replace('"zip"', '"product"').replace('["1 cm/s", 0.02]', '"1:2:1 cm/s"'))
-    with pytest.raises(SystemExit, match="0"):
-        main(["sweep", "study.toml", "--set", "mesh.level=1", "--out", "a", "--json"])
-    rows = json.loads(capsys.readouterr().out)
-    assert [row[KEY] for row in rows] == [0.01, 0.01, 0.02, 0.02]
+    code, out, _ = call(capsys, "sweep", "study.toml", "--set", "mesh.level=1", "--out", "a", "--json")
+    rows = json.loads(out)
+    assert code == 0 and [row[KEY] for row in rows] == [0.01, 0.01, 0.02, 0.02]
     assert [row["check_maximum"] for row in rows] == [1e-11] * 4
     assert tomllib.loads(Path("a/sweep.toml").read_text())["scene"]["mesh"]["level"] == 1
 
@@ -535,6 +533,5 @@ def test_a_file_of_points(tmp_path, text, message):
 def test_what_is_no_study_is_refused(tmp_path, freefem, monkeypatch, capsys, text, message):
     monkeypatch.chdir(tmp_path)
     Path("study.toml").write_text(text)
-    with pytest.raises(SystemExit, match="2"):
-        main(["sweep", "study.toml", "--out", "a"])
-    assert message in capsys.readouterr().err and not Path("a").exists()
+    code, _, err = call(capsys, "sweep", "study.toml", "--out", "a")
+    assert code == 2 and message in err and not Path("a").exists()

@@ -4,6 +4,7 @@ from concurrent.futures import BrokenExecutor, Future, ThreadPoolExecutor
 
 import pandas as pd
 import pytest
+from test_study import KEY, SCENE
 
 from ffsi.files.errors import InputError
 from ffsi.result.table import problems as table_problems
@@ -12,8 +13,6 @@ from ffsi.run.sweep import sweep
 from ffsi.scene import load_scene, with_values
 
 pytestmark = pytest.mark.usefixtures("check")
-KEY = "inflow.mean_velocity"
-SCENE = load_scene("flap-svk", ["mesh.level=0", "output.pictures=false", "output.vtu=false"])
 
 
 @pytest.mark.parametrize("jobs", [None, 3])
