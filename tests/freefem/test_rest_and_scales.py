@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from conftest import PLAIN, scene_of
-from own_mesh import write_mesh
+from own_mesh import scene_on, write_mesh
 from structured import structured_mesh
 from units_scaling import compare, factor_of, first_steps, in_units
 
@@ -81,6 +81,18 @@ def test_a_fluid_at_rest_carries_the_cylinder(how):
     assert rest.last_quantities["drag"] == pytest.approx(10 * math.pi * 0.05**2, rel=0.02)
     # Triangles with a bent side carry no linear pressure exactly: a little flow is left beside that of a free fall.
     assert np.abs(rest.fields.velocity).max() < 1e-3 * math.sqrt(2 * 10 * 2.2)
+
+
+@pytest.mark.parametrize("step", ["condensed", "newton"])
+def test_a_fluid_at_rest_between_columns_of_fluid(tmp_path, step):
+    block(tmp_path / "block.msh")
+    edges = {"outlet": ["left", "right"], "walls": ["floor", "roof"]}
+    scene = scene_on(tmp_path / "block.msh", edges, {"fluid": "block"}, fluid={"density": 1e3, "viscosity": 0.1},
+        gravity={"x": 0, "y": -9.81}, outlet={"kind": "pressure", "pressure": 100, "hydrostatic": True},
+        time={"step": 0.1, "end": 0.5}, solver={"step": step})  # fmt: skip
+    result = solve(scene)
+    assert result.checked and result.data["newton"]["iterations"] < 60
+    np.testing.assert_allclose(result.history["lift"], -9810 / 2, rtol=1e-9)
 
 
 @pytest.mark.parametrize("viscosity", [1.0, 1e-3])
