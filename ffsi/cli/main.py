@@ -77,7 +77,7 @@ def run(
             "--resume",
             metavar="DIR",
             help="Go on with the run in time in DIR, which was killed or stopped, instead of a case; a "
-            "finished one with --set time.end=LATER.",
+            "finished one with --set time.end=LATER; steps, loads, outputs can change too.",
             show_default=False,
         ),
     ] = None,
@@ -127,6 +127,7 @@ def run(
     from ffsi.run.one_scene import solve
     from ffsi.run.resume import check_resumable
     from ffsi.scene import load_scene
+    from ffsi.scene.overrides import parse_overrides
 
     alone = {"resume": resume, "animate": animate, "error": error, "adapt": adapt}
     if levels is not None and (others := [f"--{name}" for name, given in alone.items() if given]):
@@ -135,7 +136,7 @@ def run(
     if resume is not None:
         if case is not None or out is not None:
             raise InputError("--resume takes case, values and folder from DIR: give no CASE or --out")
-        scene, directory = lengthen(resume, settings) if settings else check_resumable(resume), resume
+        scene, directory = lengthen(resume, parse_overrides(settings)) if settings else check_resumable(resume), resume
     elif case is None:
         raise InputError("Missing argument CASE or scene.toml, or --resume DIR")
     else:

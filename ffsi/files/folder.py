@@ -44,12 +44,13 @@ WALL = "wall.csv"
 WALL_CYCLES = "wall-*.bin"
 SERIES = "fields.pvd"
 LOGS = "freefem-*.log"
-IN_TIME = (TIME_HISTORY, STEPS, STATES, WALL_CYCLES, *CHECKPOINTS, MANIFEST)
+EARLIER = "scene-until-*.toml"  # that of a run which was changed, up to a step
+IN_TIME = (EARLIER, TIME_HISTORY, STEPS, STATES, WALL_CYCLES, *CHECKPOINTS, MANIFEST)
 # What a run starts from.
 INITIAL = ("initial.mesh", "initial-mesh.bin", "initial-state.bin")
 DEFINITION = (SCRIPT, SCENE, CHAIN, POINTS, MESH_INPUT, *INITIAL)
 # What is read later, beside the files of single points.
-BELIEVED = (*DEFINITION, MESH, HISTORY, TIME_HISTORY, STEPS, STATES, WALL_CYCLES, *CHECKPOINTS, STOP)
+BELIEVED = (*DEFINITION, MESH, HISTORY, TIME_HISTORY, STEPS, STATES, WALL_CYCLES, *CHECKPOINTS, STOP, EARLIER)
 PICTURES = ("velocity", "pressure", "displacement")
 
 # Bytes: what the system holds, less the longest name of a file in the folder.

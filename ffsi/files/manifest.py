@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import logging
 from collections.abc import Mapping
+from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,7 @@ from ffsi.files.steps import states_until
 logger = logging.getLogger(__name__)
 
 _TABLES = (folder.TIME_HISTORY, folder.HISTORY, folder.STEPS)
-_WRITTEN_ONCE = (*folder.DEFINITION, folder.MESH, folder.STATES, folder.WALL_CYCLES)
+_WRITTEN_ONCE = (*folder.DEFINITION, folder.EARLIER, folder.MESH, folder.STATES, folder.WALL_CYCLES)
 
 
 class Recorder:
@@ -181,7 +182,8 @@ def _wrong_at(directory: Path, data: Mapping[str, Any], entry: Mapping[str, Any]
         return found
     names = [*states_until(directory, int(entry["step"])), *entry["cycles"]]
     unknown = [f"{name} is in no record" for name in names if name not in data["files"]]
-    needed = {*names, *folder.DEFINITION, folder.MESH}
+    earlier = [name for name in data["files"] if fnmatchcase(name, folder.EARLIER)]
+    needed = {*names, *earlier, *folder.DEFINITION, folder.MESH}
     return unknown + seals.broken(directory, {name: data["files"][name] for name in data["files"] if name in needed})
 
 

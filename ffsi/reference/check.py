@@ -1,8 +1,10 @@
 """Verdict on a state or a time step that another program returned: residuals, prescribed values and forces."""
 
 import math
+from bisect import bisect_left
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +15,7 @@ from ffsi.files.arrays import Floats, Ints, RawMesh, RawState, read_mesh, read_s
 from ffsi.files.cycles import read_cycles
 from ffsi.files.json_types import read_table
 from ffsi.files.steps import WINDKESSEL, read_steps
+from ffsi.reference.conditions import Outlet
 from ffsi.reference.estimates import estimates
 from ffsi.reference.forces import Forces, compute_forces
 from ffsi.reference.from_scene import problem_from_scene, refuse_other_parameters, refuse_other_step, theta_of
@@ -28,7 +31,7 @@ from ffsi.reference.start import start_difference
 from ffsi.reference.step import Step
 from ffsi.reference.system import Mask, System
 from ffsi.reference.wall import Passage, cycle_difference, wall_shear
-from ffsi.scene import Scene
+from ffsi.scene import Scene, scenes_before
 
 TOLERANCE = 1e-8
 Shown = Callable[[Scene, RawMesh, RawState], tuple[Ints, Floats]]
@@ -226,19 +229,20 @@ def _examine_steps(
     entries = read_steps(directory)
     if not entries:
         raise ValueError(f"{directory / folder.STEPS}: no step is listed")
-    system = System.build(problem_from_scene(scene), mesh)
+    scenes = [*scenes_before(directory), (entries[-1].step, scene)]  # of a run that was changed, each up to a step
+    systems = [System.build(problem_from_scene(each), mesh) for _, each in scenes]
+    thetas, outlets = [theta_of(each) for _, each in scenes], [_with_reservoir(each) for each in systems]
     history = History.read(directory / folder.TIME_HISTORY)
-    outlet = system.problem.outlet
-    stored: dict[str, list[float]] = {}
-    if outlet is not None and outlet.presses:
-        stored[""] = reservoirs(outlet, history, theta_of(scene))
-    for own in (boundary.outlet for boundary in system.problem.boundaries):
-        if own is not None and own.stores:
-            stored[own.name] = reservoirs(own, history, theta_of(scene), f"flow_through_{own.name}")
+    numbers = range(1, max(len(history), entries[-1].step) + 1)
+    of_step = [min(bisect_left(scenes, n, key=itemgetter(0)), len(scenes) - 1) for n in numbers]
+    weights = [thetas[i](k, n) for n, i, k in zip(numbers, of_step, history.columns["step"], strict=False)]
+    stored = {name: reservoirs([outlets[i][name] for i in of_step], history, weights) for name in outlets[0]}
+    outlet = systems[0].problem.outlet
     cycles = read_cycles(directory)
     found, passages, corrector = [], [], Corrector()
     for entry in entries:
         step, number = Step(entry.k, entry.theta, entry.time), entry.step
+        system, (_, scene) = systems[of_step[number - 1]], scenes[of_step[number - 1]]
         refuse_other_step(scene, step, number)
         history.refuse_other(number, step)
         row, before = history.quantities(number), read_state(directory / entry.old, mesh)
@@ -281,6 +285,13 @@ def _examine_steps(
         difference = largest([cycle_difference(cycle, passages), found[-1].numbers.get("wall_difference", 0.0)])
         found[-1].numbers["wall_difference"] = difference
     return found
+
+
+def _with_reservoir(system: System) -> dict[str, Outlet]:
+    """Return the outlets whose pressure comes from the history, by name, which an only one does not have."""
+    found = {own.name: own for each in system.problem.boundaries if (own := each.outlet) is not None and own.stores}
+    only = system.problem.outlet
+    return found | ({"": only} if only is not None and only.presses else {})
 
 
 def _report(found: Sequence[_Findings], tolerance: float) -> CheckReport:

@@ -3,7 +3,7 @@
 import csv
 import io
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -110,22 +110,22 @@ def _numbers(path: Path, number: int, names: Sequence[str], row: Sequence[str]) 
     return found
 
 
-def reservoirs(
-    outlet: Outlet, history: History, theta: Callable[[float, int], float], flow_rate: str = "flow_rate_out"
-) -> list[float]:
+def reservoirs(outlets: Sequence[Outlet], history: History, thetas: Sequence[float]) -> list[float]:
     """Pressure of the reservoir before the first step, which starts from rest, and after each, (steps + 1,) Pa.
 
-    It follows from the column ``flow_rate`` of the history; ``theta`` is the weight of a step by its length and its
-    number. Raises ``ValueError`` if the history has no flow rates.
+    It follows from the flow rates in the history; ``outlets`` and ``thetas`` are outlet and weight in each step. Raises
+    ``ValueError`` if the history has no flow rates.
     """
+    outlet = outlets[0]
+    flow_rate = f"flow_through_{outlet.name}" if outlet.name else "flow_rate_out"
     if missing := {flow_rate, *({"outlet_pressure"} if not outlet.name else ())} - history.columns.keys():
         raise ValueError(f"{history.path}: no column {', '.join(sorted(missing))}")
     flow, times = history.columns[flow_rate], zip(history.columns["step"], history.columns["time"], strict=True)
     found, old = [outlet.pressure_at(0.0)], 0.0
     if not outlet.stores:
         return found * (len(flow) + 1)
-    for number, ((k, time), new) in enumerate(zip(times, flow, strict=True), start=1):
-        step = Step(k, theta(k, number), time)
-        found.append(float(outlet.reservoir_after(step, new, old, found[-1])))
+    for number, ((k, time), new) in enumerate(zip(times, flow, strict=True)):
+        step = Step(k, thetas[number], time)
+        found.append(float(outlets[number].reservoir_after(step, new, old, found[-1])))
         old = new
     return found

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -14,7 +15,7 @@ from ffsi.files.reading import MEGABYTE, read_text
 from ffsi.result import oscillation, resolution
 from ffsi.result.evaluation import Notes, attempt
 from ffsi.result.oscillation import Oscillation, Periodicity
-from ffsi.scene import Scene
+from ffsi.scene import Scene, scenes_before
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -28,8 +29,10 @@ STOPPED = "stopped"
 RESUMABLE = ("crash", STOPPED)
 
 
-def settled(scene: Scene, times: Sequence[float], values: Sequence[float]) -> Periodicity:
+def settled(scene: Scene, times: Sequence[float], values: Sequence[float], since: float = 0.0) -> Periodicity:
     """Return whether a signal, values at times in s, is periodic, long enough after the ramp of the inflow.
+
+    ``since`` is when the loads became those of the scene, s; values of before are not to be among the signal's.
 
     Raises:
         ValueError: a time or value is not finite.
@@ -37,7 +40,7 @@ def settled(scene: Scene, times: Sequence[float], values: Sequence[float]) -> Pe
     found = oscillation.periodic(times, values)
     if not found:
         return found
-    ramp = (scene.inflow.ramp if scene.inflow else None) or 0.0
+    ramp = max((scene.inflow.ramp if scene.inflow else None) or 0.0, since)
     last = oscillation.mean_amplitude_frequency(times, values)
     after = (float(times[-1]) - ramp) / (last.end - last.start)
     if after >= PERIODS:
@@ -63,12 +66,17 @@ def complete(data: dict[str, Any], scene: Scene, directory: Path) -> None:
     except InputError as error:  # unless it died before the first step
         history, wrong = pd.DataFrame({"time": []}), str(error)
     history = with_coefficients(scene, history) if not wrong else history[:0]
+    changed = changes(directory, scene) if not wrong else []
+    since = loads_since(changed)
+    present = history[history["time"] > since]
     reached = float(history["time"].iloc[-1]) if len(history) else 0.0
-    data["quantities"] = _quantities(history, data.setdefault("not_evaluated", []))
+    data["quantities"] = _quantities(present, data.setdefault("not_evaluated", []))
     data["newton"] = _counts(directory, history)
     data["time"] = {
-        "reached": reached, "end": scene.time.end, "steps": len(history), **_periodicity(scene, directory, history),
-        "last": last, **_extremes(history, data["quantities"]), "energy": energy_balance(history),
+        "reached": reached, "end": scene.time.end, "steps": len(history),
+        **_periodicity(scene, directory, present, since), "last": last,
+        **_extremes(history, data["quantities"]), "energy": energy_balance(history),
+        **({"changed": changed} if changed else {}),
     }  # fmt: skip
     ended, failure, reason = reached >= scene.time.end * (1.0 - 1e-9), "", ""
     if data["failure"]:
@@ -87,7 +95,30 @@ def complete(data: dict[str, Any], scene: Scene, directory: Path) -> None:
         failure, reason = STOPPED, f"stopped at t = {reached:g} s of {scene.time.end:g} s"
     if failure:
         data |= {"status": "failed", "failure": failure, "reason": reason}
-    data.setdefault("warnings", []).extend(resolution.of_history(scene, history, data["time"]["energy"]))
+    data.setdefault("warnings", []).extend(resolution.of_history(scene, present, data["time"]["energy"]))
+
+
+def differing(before: Any, after: Any, key: str = "") -> dict[str, Any]:
+    """Return what nested tables hold by dotted key where others hold something else, a table where they have none."""
+    if not isinstance(before, Mapping) or not isinstance(after, Mapping):
+        return {} if before == after else {key.removeprefix("."): after}
+    found = [differing(before.get(name), after.get(name), f"{key}.{name}") for name in {**after, **before}]
+    return {name: value for each in found for name, value in each.items()}
+
+
+def changes(directory: Path, scene: Scene) -> list[dict[str, Any]]:
+    """Return when the run in a folder was given other values: the last `step` before, its `time` in s, `settings`."""
+    scenes = [(step, each.model_dump()) for step, each in (*scenes_before(directory), (0, scene))]
+    return [
+        {"step": step, "time": float(read_history(directory)["time"][step - 1]), "settings": differing(one, other)}
+        for (step, one), (_, other) in itertools.pairwise(scenes)
+    ]
+
+
+def loads_since(changed: Sequence[Mapping[str, Any]]) -> float:
+    """Return since when, in s, what acts in a run with these changes is what its scene says; 0 if always."""
+    numerical = ("time.", "output.", "solver.")
+    return max((e["time"] for e in changed if not all(k.startswith(numerical) for k in e["settings"])), default=0.0)
 
 
 def _extremes(history: pd.DataFrame, quantities: Mapping[str, Any]) -> dict[str, dict[str, float]]:
@@ -169,13 +200,13 @@ def _counts(directory: Path, history: pd.DataFrame) -> dict[str, int]:
     return {"iterations": int(history["iterations"].sum()), "factorizations": fresh}
 
 
-def _periodicity(scene: Scene, directory: Path, history: pd.DataFrame) -> dict[str, Any]:
+def _periodicity(scene: Scene, directory: Path, history: pd.DataFrame, since: float) -> dict[str, Any]:
     """Return `periodic` and why it is not, in words."""
     name = oscillation.reference_column(history)
     if name is None or history.empty:
         return {"periodic": False, "why_not": "no signal to judge by"}
     try:
-        found = settled(scene, history["time"].to_list(), history[name].to_list())
+        found = settled(scene, history["time"].to_list(), history[name].to_list(), since)
     except ValueError as error:
         return {"periodic": False, "why_not": str(error)}
     # What was found periodic while it ran stays so, although the script went on for some steps.

@@ -30,6 +30,9 @@ def time_line(data: Mapping[str, Any]) -> str:
         ending = f"periodic, {differ}" if in_time["periodic"] else differ
     balance = in_time.get("energy") or {}
     energy = f", energy balance within {abs(balance['imbalance']):.1e}" if balance else ""
+    for each in in_time.get("changed", []):
+        values = ", ".join(f"{key} = {value}" for key, value in each["settings"].items())
+        energy += f"; from t = {each['time']:g} s on {values}"
     return f"t = {in_time['reached']:g} of {in_time['end']:g} s, {in_time['steps']} steps, {ending}{energy}"
 
 

@@ -7,7 +7,6 @@ import logging
 import shutil
 import tempfile
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from ffsi.files import folder, machine
 from ffsi.files.arguments import path_of
@@ -17,9 +16,6 @@ from ffsi.result.study_definition import Values
 from ffsi.run.point import finish_point
 from ffsi.scene import MeshGeometry, Scene, stored, with_values
 from ffsi.script.render import render
-
-if TYPE_CHECKING:
-    pass
 
 logger = logging.getLogger(__name__)
 

@@ -1,46 +1,63 @@
-"""A run in time that is to go on beyond its end."""
+"""A run in time that is to go on beyond its end, or with other values."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
+from fnmatch import fnmatchcase
 from pathlib import Path
+from typing import Any
 
 from ffsi.files import folder, seals
 from ffsi.files.checkpoints import cut_back
 from ffsi.files.errors import InputError
 from ffsi.files.manifest import begin, cut_tables, newest_checkpoint
 from ffsi.freefem import find_freefem
-from ffsi.result.in_time import RESUMABLE
-from ffsi.scene import Scene, load_scene, stored
+from ffsi.result.in_time import RESUMABLE, differing
+from ffsi.scene import Scene, load_scene, stored, with_values
+from ffsi.scene.outlet import PRESSURES
 from ffsi.script.render import render
 
 END = "time.end"
+CHANGEABLE = (
+    *(f"time.{key}" for key in ("end", "stop", "step", "smallest_step", "error")),
+    *("time.output_interval", "time.checkpoint_interval", "output.vtu", "output.pictures", "solver.step_tolerance"),
+    *("solver.max_iterations", "solver.time_limit", "gravity.x", "gravity.y", "traction.x", "traction.y"),
+    *(f"loads.*.{key}" for key in ("traction_x", "traction_y", "pressure", "waveform")),
+    *(f"point_forces.*.{key}" for key in ("force_x", "force_y", "waveform")),
+    *("inflow.waveform", "inlet.*.waveform", "inlet.*.pressure"),
+    *(f"outlet{name}.{key}" for name in ("", ".*") for key in sorted(PRESSURES)),
+)
+"""What a run that goes on can have another one of: nothing that its states or its history rest on."""
 
 
-def lengthen(directory: Path, settings: Sequence[str]) -> Scene:
-    """Give a run in a folder a later end, so that it can be resumed, and return its scene.
+def lengthen(directory: Path, values: Mapping[str, Any]) -> Scene:
+    """Give a run in a folder a later end or other values, so that it can be resumed, and return its scene.
 
-    What was computed after its last checkpoint is removed, as when any run is resumed; without a checkpoint all is.
+    What was computed after its last checkpoint is removed, as when any run is resumed; without a checkpoint all is,
+    where only the end is another one. The scene up to there stays in the folder: the checker judges steps by it.
 
     Args:
         directory: its run folder; the run is finished, or was stopped or killed.
-        settings: its new end, such as ``["time.end=5"]``.
+        values: its new values by dotted key, such as ``{"time.end": 5, "time.step": 0.01}``.
 
     Raises:
-        InputError: no run in time, a failed one, another key, or an end that is not later; nothing was changed.
-        SceneError: the end is no time.
+        InputError: no run in time, a failed one, a key that cannot change, an end that is not later, or no checkpoint
+            from which on other values could hold; nothing was changed.
+        SceneError: a value is not accepted.
         FreeFEMNotFound: no FreeFEM on this machine; nothing was changed.
     """
-    if [setting.partition("=")[0].strip() for setting in settings] != [END]:
-        other = f"a run with other values starts from this one with time.initial = '{directory}'"
-        raise InputError(f"with --resume only {END} can change: give --set {END}=SECONDS; {other}")
     if not folder.is_run_folder(directory) or (directory / folder.CHAIN).is_file():
         raise InputError(f"{folder.no_run_folder(directory)}; there is nothing to resume")
     path = str(directory / folder.SCENE)
-    before, scene = load_scene(path, []), load_scene(path, settings)
+    before = load_scene(path, [])
+    scene = with_values(before, values)
     if before.time is None or scene.time is None:
         raise InputError(f"{directory} holds a steady run; only runs in time can be resumed")
-    if not scene.time.end > before.time.end:
+    changed = differing(before.model_dump(), scene.model_dump())
+    if fixed := [key for key in changed if not any(fnmatchcase(key, name) for name in CHANGEABLE)]:
+        other = f"a run with another one starts from this one with time.initial = '{directory}'"
+        raise InputError(f"{fixed[0]} cannot change in a run that goes on; accepted: {', '.join(CHANGEABLE)}; {other}")
+    if scene.time.end < before.time.end or not changed:
         raise InputError(f"{END} = {scene.time.end:g} s: must be later than the end of the run, {before.time.end:g} s")
     result = directory / folder.RESULT
     if result.is_file():
@@ -52,6 +69,13 @@ def lengthen(directory: Path, settings: Sequence[str]) -> Scene:
     script = render(scene, mumps=find_freefem().has_mumps)
     with folder.held(directory):
         checkpoint = newest_checkpoint(directory)
+        if changed.keys() != {END}:
+            if checkpoint is None or not scene.time.end > checkpoint.time * (1 + 1e-9):
+                text = f"a checkpoint before {END} = {scene.time.end:g} s (time.checkpoint_interval)"
+                raise InputError(f"{directory}: other values can only hold from {text} on; there is none")
+            earlier = directory / folder.EARLIER.replace("*", f"{checkpoint.step:06d}")
+            if not earlier.is_file():
+                folder.write_text(earlier, (directory / folder.SCENE).read_text(encoding="utf-8"))
         keep: tuple[str, ...] = (*folder.DEFINITION, folder.LOGS)
         if checkpoint is not None:
             cut_tables(directory, checkpoint.step)

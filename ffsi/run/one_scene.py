@@ -97,6 +97,8 @@ def solve(
         if target is None:
             raise InputError("to resume a run its folder is needed")
         check_resumable(target)
+        if others and any(target.glob(folder.EARLIER)):
+            raise InputError(f"error: the run in {target} was changed; accepted: one with the same values all the time")
     installation, notes = find_freefem(), list[str]()
     temporary = tempfile.TemporaryDirectory(prefix=f"ffsi-{scene.name}-") if target is None else None
     directory = target or Path(temporary.name if temporary else "")
@@ -160,6 +162,7 @@ def resume(
     directory: str | Path,
     *,
     end: float | str | None = None,
+    values: Mapping[str, Any] | None = None,
     check: bool = True,
     on_event: OnEvent | None = None,
 ) -> Result:
@@ -168,6 +171,8 @@ def resume(
     Args:
         directory: its run folder.
         end: another, later end, a number in s or a text with a unit; a finished run goes on, too.
+        values: what is another one from that checkpoint on, by dotted key, such as `{"time.step": 0.005}`: steps,
+            output, and the numbers and waveforms of loads, openings and gravity (docs/formats.md).
         check: verify the saved steps with the independent checker.
         on_event: called with every event, as by `solve`.
 
@@ -175,11 +180,13 @@ def resume(
         The Result, as of `solve`.
 
     Raises:
-        InputError: no run folder, a finished run, one that is no computation in time, or one that is still running.
+        InputError: no run folder, a finished run, one that is no computation in time, or one that is still running;
+            a value that cannot change.
         SceneError: its `scene.toml` cannot be read.
         FreeFEMNotFound: no FreeFEM on this machine.
         FreeFEMError: as `solve`.
     """
     folder_of_run = path_of(directory, "directory")
-    scene = check_resumable(folder_of_run) if end is None else lengthen(folder_of_run, [f"{END}={end}"])
+    changed = {**({} if end is None else {END: end}), **(values or {})}
+    scene = lengthen(folder_of_run, changed) if changed else check_resumable(folder_of_run)
     return solve(scene, directory, check=check, on_event=on_event, resume=True)

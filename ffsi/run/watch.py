@@ -5,20 +5,17 @@ from __future__ import annotations
 import logging
 import math
 import time
+from bisect import bisect_right
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from ffsi.files import folder
 from ffsi.files.manifest import Recorder
 from ffsi.freefem import Event, FreeFEMError
 from ffsi.result import oscillation
-from ffsi.result.in_time import settled
+from ffsi.result.in_time import changes, loads_since, settled
 from ffsi.result.quantities import unit
 from ffsi.scene import Scene
-
-if TYPE_CHECKING:
-    pass
 
 logger = logging.getLogger(__name__)
 
@@ -44,6 +41,7 @@ class Watch:
         self.scene, self.directory, self.on_event, self.clock = scene, directory, on_event, clock
         self.stopped = False
         self.record = Recorder(directory)
+        self._since = loads_since(changes(directory, scene))
         self._tail = _Tail(directory / folder.TIME_HISTORY)
         self._next = clock() + LOOK_EVERY
 
@@ -62,9 +60,11 @@ class Watch:
     def look(self) -> None:
         """Read what is new in the history, report the last period, and ask the script to end if it is periodic."""
         name, times, values = self._tail.read()
+        first = bisect_right(times, self._since)  # signals before are those of other loads
+        times, values = times[first:], values[first:]
         try:
             found = oscillation.mean_amplitude_frequency(times, values)
-            periodic = not self.stopped and self._stops and bool(settled(self.scene, times, values))
+            periodic = not self.stopped and self._stops and bool(settled(self.scene, times, values, self._since))
         except ValueError as error:  # the computation is about to fail
             logger.debug("%s: %s", self.directory, error)
             return

@@ -2,7 +2,7 @@
 
 from ffsi.scene.boundaries import Boundary
 from ffsi.scene.errors import SceneError
-from ffsi.scene.files import CASES, load_scene, scene_of, stored
+from ffsi.scene.files import CASES, load_scene, scene_of, scenes_before, stored
 from ffsi.scene.fluids import Newtonian
 from ffsi.scene.geometry import Aneurysm, MeshGeometry
 from ffsi.scene.model import Scene
@@ -20,6 +20,7 @@ __all__ = [
     "boundaries",
     "load_scene",
     "scene_of",
+    "scenes_before",
     "stored",
     "with_values",
 ]

@@ -8,7 +8,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from ffsi.files import catalogue
+from ffsi.files import catalogue, folder
 from ffsi.files.catalogue import FOLDER as FOLDER
 from ffsi.files.errors import InputError
 from ffsi.files.reading import MEGABYTE, read_text
@@ -87,6 +87,12 @@ def stored(scene: Scene, directory: Path) -> Scene:
     if isinstance(scene.geometry, MeshGeometry):
         scene = scene.model_copy(update={"geometry": scene.geometry.store(directory)})
     return scene if scene.time is None else scene.model_copy(update={"time": scene.time.store(directory)})
+
+
+def scenes_before(directory: Path) -> list[tuple[int, Scene]]:
+    """Return the scenes that a run in time in a folder had before it was changed, each with its last step, in time."""
+    paths = sorted(directory.glob(folder.EARLIER), key=lambda path: int(path.stem.rpartition("-")[2]))
+    return [(int(path.stem.rpartition("-")[2]), load_scene(path)) for path in paths]
 
 
 def _find(case_or_path: str | Path) -> Scene:

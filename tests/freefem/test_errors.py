@@ -101,7 +101,7 @@ def test_in_time_there_must_be_room_for_runs_beside(tmp_path, settings, words):
 def test_the_runs_beside_one_that_goes_on_go_on_to_the_same_end(tmp_path):
     scene = scene_of("turek-csm3", "mesh.level=1", "time.step=0.02", "time.end=0.04", "output.pictures=false")
     ffsi.solve(scene, tmp_path / "a", error=True, check=False)
-    ffsi.solve(lengthen(tmp_path / "a", ["time.end=0.08"]), tmp_path / "a", error=True, check=False, resume=True)
+    ffsi.solve(lengthen(tmp_path / "a", {"time.end": 0.08}), tmp_path / "a", error=True, check=False, resume=True)
     ffsi.solve(with_values(scene, {"time.end": 0.08}), tmp_path / "b", error=True, check=False)
     bars = [ffsi.load_result(tmp_path / name).data["errors"]["tip_uy_last"]["bar"] for name in "ab"]
     assert bars[0] == pytest.approx(bars[1], rel=1e-3)

@@ -170,19 +170,27 @@ def windkessels(folder, **time) -> Scene:
 
 
 def test_each_outlet_has_a_windkessel_of_its_own(tmp_path):
-    """Between slip walls rho L dU/dt = P t - R_p Q - p_c for each half, C dp_c/dt + (p_c - P_d)/R_d = Q = U/2."""
-    k = 0.05
-    result = solve(windkessels(tmp_path, step=k, end=8 * k, scheme="crank-nicolson"), tmp_path / "run")
+    """Between slip walls rho L dU/dt = P t - R_p Q - p_c for each half, C dp_c/dt + (p_c - P_d)/R_d = Q = U/2.
+
+    Its later half with half the step, other pressures and another compliance.
+    """
+    k, scheme = 0.05, "crank-nicolson"
+    solve(windkessels(tmp_path, step=k, end=4 * k, scheme=scheme, checkpoint_interval=4 * k), tmp_path / "run")
+    changed = {"time.step": k / 2, **{f"inlet.{name}.pressure": 3.0 for name in ("low", "high")}}
+    changed |= {f"outlet.{name}.compliance": 0.08 for name in ("bottom", "top")}
+    result = resume(tmp_path / "run", end=8 * k, values=changed)
     assert result.checked, result.reason
-    speed, stored, flows, pressures = 0.0, 0.3, [], []
-    for n in range(8):
+    assert result.data["time"]["changed"] == [{"step": 4, "time": 0.2, "settings": {**changed, "time.end": 0.4}}]
+    speed, stored, at, flows, pressures = 0.0, 0.3, 0.0, [], []
+    for k, pressure, compliance in [(0.05, 2.0, 0.05)] * 4 + [(0.025, 3.0, 0.08)] * 8:
         # unknowns: U and p_c at the end, theta = 1/2
-        matrix = np.array([[RHO * LENGTH / k + 0.25, 0.5], [-0.25, 0.05 / k + 0.125]])
+        matrix = np.array([[RHO * LENGTH / k + 0.25, 0.5], [-0.25, compliance / k + 0.125]])
         right = [
-            RHO * LENGTH / k * speed + 2 * (n + 0.5) * k - 0.25 * speed - 0.5 * stored,
-            0.25 * speed + 0.05 / k * stored - 0.125 * stored + 0.3 / 4,
+            RHO * LENGTH / k * speed + pressure * (at + k / 2) - 0.25 * speed - 0.5 * stored,
+            0.25 * speed + compliance / k * stored - 0.125 * stored + 0.3 / 4,
         ]
         speed, stored = np.linalg.solve(matrix, right)
+        at += k
         flows.append(speed / 2)
         pressures.append(stored)
     for name in ("bottom", "top"):

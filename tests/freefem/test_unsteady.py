@@ -2,6 +2,8 @@
 
 import json
 import os
+import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -15,6 +17,7 @@ from conftest import PLAIN
 
 import ffsi
 from ffsi.cli.main import main
+from ffsi.cli.show import summary
 from ffsi.files import folder
 from ffsi.files.manifest import Recorder
 from ffsi.files.steps import read_steps
@@ -164,6 +167,37 @@ def test_killed_twice(tmp_path, whole, capsys):
     with pytest.raises(SystemExit) as stopped:
         main(words[-3:])
     assert stopped.value.code == 2 and "there is nothing to resume" in " ".join(capsys.readouterr().err.split())
+
+
+def test_a_run_that_goes_on_with_another_inflow_and_step(tmp_path):
+    """As with one formula that jumps there; killed on its way, too; no step passes by what holds in others."""
+    run, jump = tmp_path / "run", "1 + min(max(1e9*(t - 0.1), 0), 1)"
+    settings = ["time.output_interval=0.1", "time.checkpoint_interval=0.1"]
+    once = solve(fsi3(*settings, f"inflow.waveform={jump}"), tmp_path / "once")
+    solve(fsi3(*settings, "time.end=0.1"), run)
+    changed = ['inflow.waveform="2"', "time.end=0.2", "time.checkpoint_interval=0.05"]
+    words = [*COMMAND, "run", "--resume", str(run), *(word for text in changed for word in ("--set", text))]
+    process = subprocess.Popen(words, start_new_session=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    wait_for_rows(run / "history.csv", 17, process)
+    os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+    result = ffsi.resume(run)
+    assert result.checked, result.reason
+    same(run, once.directory)
+    finer = ffsi.resume(run, end=0.23, values={"time.step": 0.005})
+    assert finer.checked and finer.history["step"][20:].to_numpy() == pytest.approx(0.005)
+    assert [each["step"] for each in finer.data["time"]["changed"]] == [10, 20]
+    assert re.search(
+        r"from t = 0.1 s on inflow.waveform = 2, .*; from t = 0.2 s on time.step = 0.005", str(summary(finer))
+    )
+    for earlier, text in (("000010", "dirichlet"), ("000020", "k = 0.01")):
+        shutil.copytree(run, tmp_path / earlier)
+        (tmp_path / earlier / f"scene-until-{earlier}.toml").unlink()
+        try:
+            failures = check_run(tmp_path / earlier, finer.scene).failures
+        except ValueError as error:
+            failures = [str(error)]
+        assert text in " ".join(failures)
 
 
 def test_the_stop_file_ends_a_run_cleanly_with_its_last_state(tmp_path):

@@ -13,7 +13,7 @@ from ffsi.freefem import FreeFEMNotFound
 from ffsi.report import runs
 from ffsi.report.blocks import Picture
 from ffsi.result.fields import Fields
-from ffsi.run import chain, execute, meshing, one_scene, sweep, watch
+from ffsi.run import chain, execute, longer, meshing, one_scene, sweep, watch
 from studies import harness
 from studies.bench import unsteady as bench_unsteady
 
@@ -24,9 +24,9 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 def put_in_place(monkeypatch, fake: Any) -> Any:
     """Let a stand-in be what starts scripts, which are none, wherever a FreeFEM is looked for."""
     monkeypatch.setattr(execute, "run_script", fake.run_script)
-    for module in (one_scene, chain, sweep, harness, bench_unsteady):
+    for module in (one_scene, longer, chain, sweep, harness, bench_unsteady):
         monkeypatch.setattr(module, "find_freefem", lambda: SimpleNamespace(has_mumps=True))
-    for module in (execute, harness, bench_unsteady):
+    for module in (execute, longer, harness, bench_unsteady):
         monkeypatch.setattr(module, "render", lambda scene, mumps: f"// {scene.name}, MUMPS {mumps}\n")
     return fake
 

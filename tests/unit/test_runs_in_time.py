@@ -299,6 +299,34 @@ def test_a_finished_run_is_refused(tmp_path, in_time, fail, ending):
     assert files(tmp_path / "run") == before
 
 
+@pytest.mark.parametrize(("values", "message"), [
+    ({"mesh.level": 1}, "mesh.level cannot change in a run that goes on; accepted: time.end.*with time.initial"),
+    ({"time.end": 3, "fluid.viscosity": 2}, "fluid.viscosity cannot change"),
+    ({"gravity": {"x": 1, "y": 0}}, "gravity cannot change"),
+    ({"time.end": 1, "time.step": 0.025}, "time.end = 1 s: must be later than the end of the run, 2 s"),
+    ({"time.step": 0.025}, "other values can only hold from a checkpoint before time.end = 2 s"),
+])  # fmt: skip
+def test_what_cannot_change_is_refused_and_nothing_is_touched(tmp_path, in_time, values, message):
+    one_scene.solve(scene_in_time(), tmp_path / "run")
+    before = {path: path.read_bytes() for path in (tmp_path / "run").iterdir()}
+    with pytest.raises(InputError, match=message):
+        ffsi.resume(tmp_path / "run", values=values)
+    assert {path: path.read_bytes() for path in (tmp_path / "run").iterdir()} == before
+
+
+def test_signals_before_another_load_count_no_longer(tmp_path, in_time):
+    run = one_scene.solve(scene_in_time("time.stop=periodic", "time.end=50"), tmp_path / "run")
+    in_time.stop_at = len(run.history) + 10
+    again = ffsi.resume(tmp_path / "run", values={"inflow.waveform": "2"}).data
+    since = again["time"]["changed"][0]["time"]
+    assert 0 <= run.data["time"]["reached"] - since < 0.3 and again["failure"] == "stopped"
+    assert "tip_uy_amplitude" not in again["reached"] and "full periods found" in again["time"]["why_not"]
+    in_time.stop_at = None
+    last = ffsi.resume(tmp_path / "run")
+    assert since + PERIODS / FREQUENCY <= last.data["time"]["reached"] < since + 12 and last.data["time"]["periodic"]
+    assert last.quantities["tip_uy"]["frequency"] == pytest.approx(FREQUENCY, rel=1e-3)
+
+
 def test_another_scene_is_refused(tmp_path, in_time):
     die(in_time, tmp_path / "run", 12)
     with pytest.raises(InputError, match="holds a run of another scene"):
@@ -420,7 +448,7 @@ BAD_INPUT = [
     (["run", "--resume", "nothing"], "nothing is no run folder of ffsi (it does not exist)"),
     (["run", "turek-fsi3", "--resume", "nothing"], "give no CASE or --out"),
     (["run", "--resume", "nothing", "--out", "x"], "give no CASE or --out"),
-    (["run", "--resume", "nothing", "--set", "mesh.level=1"], "only time.end can change"),
+    (["run", "--resume", "nothing", "--set", "mesh.level=1"], "nothing is no run folder of ffsi"),
     (["run", "--resume"], "requires an argument"),
     (["run", "turek-fsi3", "--animate", "velocity"], "set time.output_interval"),
     (["run", "turek-fsi3", *INTERVAL, "--animate", "speed"],
