@@ -47,10 +47,7 @@ _TRIVIAL = {
 # What is left out, one by one.
 FACTORS = (
     Factor(WHOLE),
-    Factor(
-        "curved edges",
-        replaced={"bendY.resize(N2); bendY = BendY(0, Vh, tgv=1);": "bendX = 0; bendY.resize(N2); bendY = 0;"},
-    ),
+    Factor("curved edges", replaced={"{ bendX = BendX(0, Vh, tgv=1); bendY = BendY(0, Vh, tgv=1); }": ";"}),
     Factor("graded mesh", _EVEN),
     Factor("coarse to fine", ("solver.start=rest",)),
     Factor("kept factors", ("solver.reuse_ratio=0",)),
