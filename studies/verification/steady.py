@@ -92,12 +92,14 @@ CAVITY = "cavity-flexible-floor"
 def error_table(runs: Sequence[Run]) -> TextTable:
     """Return one row per run and source: unknowns, seconds, errors, the checker's largest number."""
     rows = [
-        row | {"source": source.source} | {COLUMNS[name]: x for name, x in source.errors(run.quantities).items()}
+        row
+        | {"source": source.source}
+        | {f"error {COLUMNS[name]}": x for name, x in source.errors(run.quantities).items()}
         for run in runs
         for row in rows_of([run])
         for source in compared(run.name, run.variant)
     ]
-    errors = columns(" | ".join(f"{head} :%" for head in dict.fromkeys(COLUMNS.values())))
+    errors = columns(" | ".join(f"{head} = error {head} :%" for head in dict.fromkeys(COLUMNS.values())))
     return table(rows, [*columns("case | compared with = source"), *SIZES, *errors, CHECK], left=2)
 
 

@@ -90,6 +90,7 @@ def test_tables_and_frames_of_errors():
     assert (first["drag"], first["lift"], first["Δp"]) == ("+1.000 %", "+1.000 %", "–")
     assert (first["seconds"], first["largest check"]) == ("3.0", "2e-11")
     assert dict(zip(table.head, table.body[1], strict=True))["u_x"] == "+0.000 %"
+    assert dict(zip(table.head, error_table([run(CAVITY)]).body[0], strict=True))["drag"] == "–"  # nothing published
     (row,) = error_table([failed(Variant("turek-cfd1"), 1)]).body
     assert row[:5] == ["turek-cfd1", "Featflow", "1", "–", "failed (crash)"] and set(row[5:]) == {"–"}
     assert to_frame([failed(Variant("turek-cfd1"), 1), run()])["status"].tolist() == ["failed", "converged"]
