@@ -123,6 +123,7 @@ def run(
     from ffsi.result import resolution
     from ffsi.result.in_time import STOPPED
     from ffsi.run.adaptation import asked_of
+    from ffsi.run.beside import scenes_beside
     from ffsi.run.longer import lengthen
     from ffsi.run.one_scene import solve
     from ffsi.run.resume import check_resumable
@@ -133,24 +134,31 @@ def run(
     if levels is not None and (others := [f"--{name}" for name, given in alone.items() if given]):
         raise InputError(f"give either --levels or {others[0]}, not both")
     names = [name for name in adapt.split(",") if name]
+
+    def accepted(scene: Scene) -> Scene:
+        if animate is not None:
+            folders.check_animation(scene, animate)
+        if error and scene.time is not None:
+            scenes_beside(scene)
+        return asked_of(scene, names, tolerance, unknowns)[0]
+
     if resume is not None:
         if case is not None or out is not None:
             raise InputError("--resume takes case, values and folder from DIR: give no CASE or --out")
-        scene, directory = lengthen(resume, parse_overrides(settings)) if settings else check_resumable(resume), resume
+        directory, values = resume, parse_overrides(settings)
+        scene = lengthen(resume, values, accepted, error=error) if settings else accepted(check_resumable(resume))
     elif case is None:
         raise InputError("Missing argument CASE or scene.toml, or --resume DIR")
     else:
         scene = load_scene(case, settings)
         if levels is not None:
             _levels(scene, levels, out or Path("runs") / f"{scene.name}-levels", jobs, json=json, check=not no_check)
-        scene, _ = asked_of(scene, names, tolerance, unknowns)
+        scene = accepted(scene)
         directory = out or Path("runs") / scene.name
         folder.check_usable(directory)
         inside = folder.is_sweep_folder(directory.parent)  # which is refused
         if (directory / folder.RESULT).is_file() and not inside and not folders.holds(directory, scene):
             show.note(f"the run of another scene in {directory} is replaced; --out keeps both")
-    if animate is not None:
-        folders.check_animation(scene, animate)
     if not json:
         show.domain(scene)
     try:

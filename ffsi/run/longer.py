@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
@@ -30,7 +30,9 @@ CHANGEABLE = (
 """What a run that goes on can have another one of: nothing that its states or its history rest on."""
 
 
-def lengthen(directory: Path, values: Mapping[str, Any]) -> Scene:
+def lengthen(
+    directory: Path, values: Mapping[str, Any], refuse: Callable[[Scene], object] | None = None, *, error: bool = False
+) -> Scene:
     """Give a run in a folder a later end or other values, so that it can be resumed, and return its scene.
 
     What was computed after its last checkpoint is removed, as when any run is resumed; without a checkpoint all is,
@@ -39,6 +41,8 @@ def lengthen(directory: Path, values: Mapping[str, Any]) -> Scene:
     Args:
         directory: its run folder; the run is finished, or was stopped or killed.
         values: its new values by dotted key, such as ``{"time.end": 5, "time.step": 0.01}``.
+        refuse: called with the scene before anything is changed; what it raises ends the call.
+        error: error bars are asked for, which a run with other values on the way has not.
 
     Raises:
         InputError: no run in time, a failed one, a key that cannot change, an end that is not later, or no checkpoint
@@ -66,6 +70,10 @@ def lengthen(directory: Path, values: Mapping[str, Any]) -> Scene:
             raise InputError(f"{directory} cannot go on: {'; '.join(wrong)}")
         if data.get("failure") and data["failure"] not in RESUMABLE:
             raise InputError(f"the run in {directory} failed: {data.get('reason')}")
+    if error:
+        refuse_changed(directory, changed)
+    if refuse is not None:
+        refuse(scene)
     script = render(scene, mumps=find_freefem().has_mumps)
     with folder.held(directory):
         checkpoint = newest_checkpoint(directory)
@@ -87,3 +95,9 @@ def lengthen(directory: Path, values: Mapping[str, Any]) -> Scene:
         if checkpoint is not None:
             begin(directory, checkpoint)
     return load_scene(path, [])
+
+
+def refuse_changed(directory: Path, changed: Iterable[str] = ()) -> None:
+    """Refuse error bars where values, by key, were changed on the way or are to be; the end may be another one."""
+    if {*changed} - {END} or any(directory.glob(folder.EARLIER)):
+        raise InputError(f"error: the run in {directory} was changed; accepted: one with the same values all the time")

@@ -19,7 +19,7 @@ from ffsi.hemodynamics.result import Result, load_result
 from ffsi.run import beside
 from ffsi.run.adaptation import asked_of
 from ffsi.run.execute import execute, start
-from ffsi.run.longer import END, lengthen
+from ffsi.run.longer import END, lengthen, refuse_changed
 from ffsi.run.point import Point, seconds
 from ffsi.run.resume import check_resumable
 from ffsi.scene import Scene, scene_of, with_values
@@ -97,8 +97,8 @@ def solve(
         if target is None:
             raise InputError("to resume a run its folder is needed")
         check_resumable(target)
-        if others and any(target.glob(folder.EARLIER)):
-            raise InputError(f"error: the run in {target} was changed; accepted: one with the same values all the time")
+        if others:
+            refuse_changed(target)
     installation, notes = find_freefem(), list[str]()
     temporary = tempfile.TemporaryDirectory(prefix=f"ffsi-{scene.name}-") if target is None else None
     directory = target or Path(temporary.name if temporary else "")

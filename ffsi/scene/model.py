@@ -285,7 +285,10 @@ class Scene(Table):
 
     def _time_problems(self) -> Iterator[Problem]:
         if self.time is None:
-            yield from self.geometry.steady_problems({name for name, load in self.loads.items() if load.stiffness})
+            springs = {name for name, load in self.loads.items() if load.stiffness}
+            if self.support is not None and self.support.stiffness:
+                springs.add("")
+            yield from self.geometry.steady_problems(springs)
             if self.start is not None:
                 yield Problem("start", "only accepted in a scene with a table time (time.step and time.end)")
             for name, solid in self.solid.items():

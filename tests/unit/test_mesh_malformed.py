@@ -212,7 +212,7 @@ BROKEN: list[tuple[Callable[[Drawing], None] | None, dict[str, Any], str]] = [
     (None, boundaries(clamped=["ends", "inner"]), 'boundaries.clamped = "inner": .* it is a boundary of the fluid'),
     (None, boundaries(outlet=["out", "in"]), r'boundaries.outlet = "in": shares edges with boundaries.inlet'),
     (None, boundaries(clamped=None), 'boundaries.clamped: nothing holds the solid "wall" at .* mm; accepted in a '
-     "steady scene: clamped or supported boundaries on each solid"),
+     "steady scene: on each solid, or one that it adjoins, clamped boundaries, supported ones"),
     (let_go, {}, r'boundaries.clamped: nothing holds the solid "wall" at \([0-9.]*, 1[0-9.]*\) mm; accepted'),
     # names
     (None, boundaries(inlet="inn"), r'boundaries.inlet = "inn": no such boundary; the mesh has "in", "out", "inner", '
@@ -363,6 +363,10 @@ def test_supports_and_fluids_without_a_place(tmp_path, capsys) -> None:
     held = boundaries(clamped=None, supported="outside")
     error = refused(capsys, tmp_path, drop(scene_table(**held)))
     assert "support: missing; elastic support of the outer sides" in error
+    error = refused(
+        capsys, tmp_path, drop(scene_table(**held) | {"support": {"damping": 1}})
+    )  # stiffness 0 holds nothing
+    assert 'nothing holds the solid "wall"' in error
     drawing = vessel()
     drawing.triangles, drawing.region = drawing.triangles[drawing.region == WALL_REGION], drawing.region[:12] * 0 + 2
     drawing.lines, drawing.curve = drawing.lines[drawing.curve >= 14], drawing.curve[drawing.curve >= 14]

@@ -434,6 +434,21 @@ def test_a_killed_run_says_how_to_go_on_and_goes_on(capsys, in_time, check, scen
     assert "t = 2 of 2 s, 40 steps" in out and in_time.first_steps == [1, 21]
 
 
+@pytest.mark.parametrize(("arguments", "message"), [
+    (['inflow.waveform="2"', "--error"], "accepted: one with the same values all the time"),
+    (["time.end=3", "--adapt", "drag", "--tolerance", "1%"], "is a scene in time; accepted: steady ones"),
+    (["time.end=3", "--animate", "speed"], "no animation of 'speed'"),
+])  # fmt: skip
+def test_what_a_longer_run_cannot_have_is_refused_and_nothing_is_touched(
+    capsys, in_time, scene_file, arguments, message
+):
+    call(capsys, "run", scene_file, "--out", "there")
+    before = {path: path.read_bytes() for path in Path("there").iterdir()}
+    code, _, err = call(capsys, "run", "--resume", "there", "--set", "time.end=4", "--set", *arguments)
+    assert code == 2 and message in err and len(in_time.first_steps) == 1
+    assert {path: path.read_bytes() for path in Path("there").iterdir()} == before
+
+
 def test_a_stopped_run_has_its_exit_code(capsys, in_time, check, scene_file):
     in_time.stop_at = 13
     code, _, err = call(capsys, "run", scene_file, "--out", "there")

@@ -86,7 +86,8 @@ class GeometryBase(Table, ABC):
         return []
 
     def steady_problems(self, springs: Set[str]) -> list[Problem]:
-        """Return what a scene that is steady lacks; keys are those of the scene. `springs`: loads with a stiffness."""
+        """Return what a scene that is steady lacks; keys are those of the scene. `springs`: loads with a
+        stiffness, and "" for a support with one."""
         return []
 
     @model_validator(mode="after")

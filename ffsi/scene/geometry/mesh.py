@@ -325,8 +325,10 @@ class MeshGeometry(ChannelGeometry):
 
     def steady_problems(self, springs: Set[str]) -> list[Problem]:
         """Return the solids that nothing holds, or a piece of which."""
-        accepted = "accepted in a steady scene: clamped or supported boundaries on each solid or on one that it adjoins"
-        accepted += ", or loads with a stiffness"
+        accepted = (
+            "accepted in a steady scene: on each solid, or one that it adjoins, clamped boundaries, supported ones "
+        )
+        accepted += "(support.stiffness above 0) or loads with a stiffness"
         return [
             Problem("geometry.boundaries.clamped", f'nothing holds the solid "{name}" at {where}; {accepted}')
             for name, where in {name: at for name, at, loads in self._mesh.loose if not loads & springs}.items()

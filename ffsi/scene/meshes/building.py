@@ -54,7 +54,7 @@ class DomainMesh:
     Edges (ne, 2) with a label (ne,) are boundaries and interfaces; the fluid, or the only triangle, is on their left.
     Areas are those of the regions by the scene's names, in the order of their numbers. A solid is loose that nothing
     holds, neither itself nor through another solid, or a piece of it: of each such piece the solid's name, its place in
-    words, and the loads on it.
+    words, and the loads on it, "" for the support.
     The inlets are by name, the only one by "".
     """
 
@@ -144,7 +144,7 @@ def _domain_mesh(path: Path, unit: str, metres: float, naming: Naming, _: tuple[
     lengths = np.linalg.norm(vertices[edges[:, 1]] - vertices[edges[:, 0]], axis=1)
     areas = checks.areas(vertices, topology.triangles)
     by_number = sorted(naming.numbers.items(), key=lambda item: item[1])
-    held = np.asarray(np.isin(topology.triangles, edges[np.isin(label[chosen], HELD)]).any(axis=1))
+    held = np.asarray(np.isin(topology.triangles, edges[label[chosen] == CLAMPED]).any(axis=1))
     solid = region != FLUID
     number_of = np.full(len(region), -1)
     if (piece := topology.components(solid)).size:
@@ -159,7 +159,7 @@ def _domain_mesh(path: Path, unit: str, metres: float, naming: Naming, _: tuple[
         held[solid] |= np.linalg.eigvalsh(directions)[piece, 0] > PARALLEL
     loaded = {
         name: topology.left[1][chosen[label[chosen] == number]]
-        for number, (name, _) in enumerate(naming.loads, start=LOADS)
+        for number, name in [(SUPPORTED, ""), *enumerate((name for name, _ in naming.loads), start=LOADS)]
     }
     meant = {
         value: _boundary(value, parts, naming, float(lengths[label[chosen] == value].sum()))
