@@ -348,6 +348,11 @@ def _structure(scene: Scene, *, parts: bool, varying: bool) -> list[str]:
         "hasCubicLaws": not fluid
         and not time
         and all(law.material == "st-venant-kirchhoff" and not law.mixed for law in scene.solid.values()),
+        # Whose tangent is symmetric, so that the script can tell a stable equilibrium, and of large rotations.
+        "predictsStress": not fluid
+        and not time
+        and not any(law.mixed or law.material == "linear-elastic" for law in scene.solid.values())
+        and not any(load.following for load in scene.loads.values()),
         "hasGivenBends": bends and not coupled,
         "hasParts": parts,
         "hasNamedInlets": scene.inlet,
@@ -400,7 +405,7 @@ def _machinery(scene: Scene) -> list[str]:
     loaded = scene.loads or scene.traction or scene.point_forces
     flow = [*(["loads"] if loaded else []), *(["outlet"] if special else [])]
     flow += ["openings"] if has_openings(scene) else []
-    flow += ["constant-rows", "residual", "jacobian", "newton", *(["forces"] if scene.fluid else [])]
+    flow += ["constant-rows", "residual", "coefficients", "jacobian", "newton", *(["forces"] if scene.fluid else [])]
     return [*flow, "output", "evidence", *last]
 
 
