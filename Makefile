@@ -10,7 +10,7 @@ STAMP := $(VENV)/.installed
 STUDY := runs/flap-svk
 # Runs in time at once, in `make verify`.
 JOBS := 2
-SYSTEM_PACKAGES := freefem++ libfreefem++ libfreefem++-dev libopenblas0-pthread
+SYSTEM_PACKAGES := freefem++ libfreefem++ libfreefem++-dev libopenblas0-serial
 # What the Python package gmsh loads, with which tests make meshes; a browser that looks at reports.
 TEST_PACKAGES := chromium fonts-dejavu-core libglu1-mesa libgl1 libxrender1 libxcursor1 libxft2 libxinerama1 libxext6 libxfixes3 libx11-6 libfontconfig1 libgomp1
 

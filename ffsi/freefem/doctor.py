@@ -152,10 +152,11 @@ def _run(installation: Installation, text: str, on_event: Callable[[Event], None
 
 def _blas(installation: Installation) -> Check:
     """Which BLAS the dynamic linker gives to FreeFEM."""
+    environment = installation.environment()
     try:
         done = subprocess.run(
             ["ldd", installation.binary], capture_output=True, text=True, timeout=30, check=False,
-            stdin=subprocess.DEVNULL,
+            stdin=subprocess.DEVNULL, env=environment,
         )  # fmt: skip
     except (OSError, subprocess.TimeoutExpired) as error:
         return Check("BLAS", "warn", f"not known: ldd does not run ({error})", "Make sure that OpenBLAS is installed.")
@@ -164,9 +165,10 @@ def _blas(installation: Installation) -> Check:
         return Check("BLAS", "warn", f"{installation.binary} shows no BLAS library", "Make sure that it uses OpenBLAS.")
     library = Path(match[1]).resolve()
     if "openblas" in str(library) or "mkl" in str(library) or "blis" in str(library):
-        return Check("BLAS", "ok", str(library))
+        kernels = environment.get("OPENBLAS_CORETYPE", "")
+        return Check("BLAS", "ok", f"{library}{kernels and f', {kernels}'}")
     detail = f"{library} is the slow reference BLAS"
-    return Check("BLAS", "warn", detail, _install_advice(["libopenblas0-pthread"]))
+    return Check("BLAS", "warn", detail, _install_advice(["libopenblas0-serial"]))
 
 
 def _install_advice(packages: tuple[str, ...] | list[str]) -> str:

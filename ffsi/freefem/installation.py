@@ -15,11 +15,12 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
+from ffsi.freefem.blas import blas_environment
 from ffsi.freefem.errors import FreeFEMNotFound
 
 logger = logging.getLogger(__name__)
 
-PACKAGES = ("freefem++", "libfreefem++", "libfreefem++-dev", "libopenblas0-pthread")
+PACKAGES = ("freefem++", "libfreefem++", "libfreefem++-dev", "libopenblas0-serial")
 """The Debian packages that a complete installation needs."""
 
 REQUIRED_PLUGINS = ("Element_QF", "lapack", "bfstream")
@@ -70,12 +71,12 @@ class Installation:
         return "MUMPS" if self.has_mumps else "UMFPACK"
 
     def environment(self) -> dict[str, str]:
-        """The environment for the FreeFEM process: this one's, plus the plugin paths, and one thread for the BLAS.
+        """The environment for the FreeFEM process: this one's, plus the plugin paths, and the BLAS with one thread.
 
-        MUMPS spends a tenth of a run in it, on small matrices: more threads only wait for each other.
+        MUMPS calls it on small matrices: more threads only wait for each other.
         """
         paths = {"FF_LOADPATH": self.load_path, "FF_INCLUDEPATH": self.include_path}
-        return {**os.environ, **paths, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+        return {**os.environ, **blas_environment(), **paths, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
 
 
 def find_freefem() -> Installation:

@@ -100,7 +100,7 @@ def test_a_machine_without_freefem_is_told_what_to_install(machine):
     with pytest.raises(FreeFEMNotFound) as caught:
         find_freefem()
     assert isinstance(caught.value, FreeFEMError) and caught.value.kind == "missing-binary"
-    for package in ("freefem++ ", "libfreefem++ ", "libfreefem++-dev", "libopenblas0-pthread"):
+    for package in ("freefem++ ", "libfreefem++ ", "libfreefem++-dev", "libopenblas0-serial"):
         assert package in str(caught.value)
 
 
