@@ -28,7 +28,7 @@ class Table(BaseModel):
         SceneError: a key or value is not valid (on construction and in `model_validate`).
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True, validate_default=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, validate_default=True, defer_build=True)
 
     follows: ClassVar[tuple[str, ...]] = ()
     """Keys that follow from other values where they are not given."""
