@@ -114,9 +114,10 @@ def solve(
     with folder.held(directory):
         arguments = start(point, installation, resume)
         with beside.running(directory, others, run_beside, resume) as runs:
+            asked = {**asked, **(dict.fromkeys(named, "1") if scene.steady else {})}
+            died = None
             if arguments is not None:
-                arguments = {**arguments, **(dict.fromkeys(named, "1") if scene.steady else {}), **asked}
-            died = None if arguments is None else execute(scene, directory, installation, arguments, on_event)
+                died = execute(scene, directory, installation, {**arguments, **asked}, on_event)
             data = point.judged(died, check)
             while not resume and (changes := _what_goes_further(scene, data)):
                 said = ", ".join(f"{key} = {value}" for key, value in changes.items())
@@ -126,7 +127,7 @@ def solve(
                 scene = with_values(scene, changes)
                 point = Point(scene, directory, 1, {}, alone=True)
                 start(point, installation, resume=False)
-                died = execute(scene, directory, installation, {}, on_event)
+                died = execute(scene, directory, installation, asked, on_event)
                 data = point.judged(died, check)
             data["warnings"] += notes
             if runs:
@@ -142,8 +143,13 @@ def solve(
 
 
 def _what_goes_further(scene: Scene, data: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what the scene leaves to the program and a run in time failed for: the mesh's motion, then the outlets."""
+    """Return what the scene leaves to the program and a run failed for.
+
+    That is the solver where MUMPS put off too many pivots; in time the mesh's motion, then the outlets.
+    """
     motion, reason = scene.mesh_motion, data["reason"] or ""
+    if "MUMPS error -9" in reason and scene.solver.linear_solver == "mumps":
+        return {"solver.linear_solver": "umfpack"}
     if scene.time is None:
         return {}
     chosen = motion is None or not motion.law.linear or "kind" in motion.model_fields_set

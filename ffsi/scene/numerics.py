@@ -127,7 +127,10 @@ class Solver(Table):
         description="factors are kept while the residual falls at least by this factor; 0: new ones in every "
         "iteration, dimensionless",
     )
-    linear_solver: Literal["mumps", "umfpack"] = Field("mumps", description='sparse LU: "mumps" or "umfpack"')
+    linear_solver: Literal["mumps", "umfpack"] = Field(
+        "mumps",
+        description='sparse LU: "mumps" or "umfpack"; a run that MUMPS cannot factorise starts again with UMFPACK',
+    )
     step: Literal["condensed", "newton"] | None = Field(
         None,
         description='with a table time, how a step is solved: "condensed" (by the velocity alone, the default) or '

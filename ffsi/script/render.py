@@ -39,6 +39,7 @@ Discretise();
 WriteMesh();
 cout << "@ffsi mesh level=" << meshLevel << " triangles=" << Th.nt << " unknowns=" << nDof << endl;
 cout << "@ffsi end status=converged" << endl;"""
+_DECIDES = re.compile("MACRO|acro |include ")  # lines of a script that `bundle` looks at
 # Keys that are no numbers of the mathematics, or decide the structure, and stay in Python.
 PYTHON_ONLY = ("solver.time_limit", "geometry.stent.count")
 _THETA = {  # of a step of length k
@@ -119,8 +120,9 @@ def bundle(text: str) -> str:
     pending = text.splitlines()[::-1]
     while pending:
         line = pending.pop()
-        if all(kept) and not any(word in line for word in ("MACRO", "acro ", "include ")):
-            lines.append(line)
+        if not _DECIDES.search(line):
+            if all(kept):
+                lines.append(line)
         elif re.fullmatch(r"(?:(?:IFMACRO\(!?\w+\)|ENDIFMACRO) ?){2,}", line):
             pending += line.split()[::-1]
         elif found := re.fullmatch(r"( *)(IFMACRO\(!?\w+\)) (.*) ENDIFMACRO( //.*)?", line):
