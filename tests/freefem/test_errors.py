@@ -42,7 +42,7 @@ def test_bars_cover_the_difference_to_a_finer_mesh(estimated, solved, case, name
 
 
 def test_the_checker_makes_its_own_estimate_and_catches_a_wrong_one(estimated):
-    result = estimated("turek-fsi1", "mesh.level=0")
+    result = estimated("turek-fsi1", "mesh.level=0", "mesh.size_factor=2")
     assert result.checked and result.data["check"]["errors_difference"] < 1e-6
     path = result.directory / "errors-0001.json"
     text = path.read_text()
