@@ -7,17 +7,17 @@ use threads takes a lock in each of them, and one that does not know a processor
 import os
 from pathlib import Path
 
-LIBRARIES = Path("/usr/lib")
+BINARIES, LIBRARIES = Path("/usr/bin"), Path("/usr/lib")
 CPUINFO = Path("/proc/cpuinfo")
 
 
-def blas_environment() -> dict[str, str]:
-    """What FreeFEM's environment needs beside this process's own for a fast OpenBLAS; nothing where the user chose.
+def blas_environment(freefem: Path) -> dict[str, str]:
+    """What Debian's FreeFEM needs beside this process's environment for a fast OpenBLAS; nothing where the user chose.
 
     `LD_LIBRARY_PATH` names Debian's `openblas-serial` where another OpenBLAS is the machine's; `OPENBLAS_CORETYPE`
     the kernels that an Intel processor's instructions allow, as OpenBLAS's own table does for the models it knows.
     """
-    return {**_library(), **_kernels()}
+    return {**_library(), **_kernels()} if freefem.parent == BINARIES else {}
 
 
 def _library() -> dict[str, str]:

@@ -76,7 +76,8 @@ class Installation:
         MUMPS calls it on small matrices: more threads only wait for each other.
         """
         paths = {"FF_LOADPATH": self.load_path, "FF_INCLUDEPATH": self.include_path}
-        return {**os.environ, **blas_environment(), **paths, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+        threads = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+        return {**os.environ, **blas_environment(self.binary), **paths, **threads}
 
 
 def find_freefem() -> Installation:
