@@ -88,20 +88,8 @@ def test_a_folder_of_a_script_is_checked_and_loaded(freefem, tmp_path):
 def test_sensitivities_and_errors_of_a_script_are_checked_and_wrong_ones_caught(freefem, tmp_path, capsys):
     right, wrong = (tmp_path / name for name in ("right", "wrong"))
     right.mkdir()
-    done = freefem(
-        "turek-cfd1",
-        "-mesh_level",
-        0,
-        "-mesh_size_factor",
-        2,
-        "-sensitivities",
-        1,
-        "-error",
-        1,
-        "-out",
-        right,
-        cwd=tmp_path,
-    )
+    coarse = ("-mesh_level", 0, "-mesh_size_factor", 2)
+    done = freefem("turek-cfd1", *coarse, "-sensitivities", 1, "-error", 1, "-out", right, cwd=tmp_path)
     assert done.returncode == 0
     shutil.copytree(right, wrong)
     places = {"sensitivities": ("fluid.viscosity", "drag"), "errors": ("errors", "lift", "estimate")}

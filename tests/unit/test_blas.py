@@ -12,8 +12,8 @@ AVX512 = "avx2 fma avx512f avx512cd avx512bw avx512dq avx512vl"
 
 @pytest.fixture
 def machine(tmp_path, monkeypatch):
-    monkeypatch.delenv("LD_LIBRARY_PATH", raising=False)
-    monkeypatch.delenv("OPENBLAS_CORETYPE", raising=False)
+    for name in ("LD_LIBRARY_PATH", "OPENBLAS_CORETYPE"):
+        monkeypatch.delenv(name, raising=False)
     monkeypatch.setattr(blas, "LIBRARIES", tmp_path)
     monkeypatch.setattr(blas, "CPUINFO", tmp_path / "cpuinfo")
     return tmp_path
@@ -32,15 +32,12 @@ def test_one_thread_takes_the_library_without_locks(machine, monkeypatch, kinds)
     assert blas.blas_environment(FREEFEM) == {}
 
 
-@pytest.mark.parametrize(
-    ("processor", "kernels"),
-    [
-        (f"GenuineIntel {AVX512}", "SkylakeX"),
-        ("GenuineIntel avx2 fma avx512f", "Haswell"),
-        ("GenuineIntel avx", None),
-        (f"AuthenticAMD {AVX512}", None),
-    ],
-)
+@pytest.mark.parametrize(("processor", "kernels"), [
+    (f"GenuineIntel {AVX512}", "SkylakeX"),
+    ("GenuineIntel avx2 fma avx512f", "Haswell"),
+    ("GenuineIntel avx", None),
+    (f"AuthenticAMD {AVX512}", None),
+])  # fmt: skip
 def test_kernels_for_a_model_that_openblas_may_not_know(machine, monkeypatch, processor, kernels):
     vendor, flags = processor.split(" ", 1)
     (machine / "cpuinfo").write_text(f"processor: 0\nvendor_id\t: {vendor}\nflags\t\t: fpu {flags}\n\nprocessor: 1\n")
