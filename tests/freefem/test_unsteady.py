@@ -225,11 +225,11 @@ def test_it_stops_when_it_is_periodic(tmp_path, monkeypatch):
 
 
 def test_an_undamped_scheme_keeps_its_energy(tmp_path):
-    """Nothing damps what a step lacks: solved as damped schemes are, the balance misses by 4e-5 of the work."""
-    steps = ["mesh.level=0", "time.scheme=crank-nicolson", "time.step=0.02", "time.end=2"]
+    """Nothing damps what a step lacks: solved as damped schemes are, the balance misses by 8e-6 of the work."""
+    steps = ["mesh.level=0", "time.scheme=crank-nicolson", "time.step=0.02", "time.end=1"]
     history = solve(load_scene("turek-csm3", [*steps, *PLAIN]), tmp_path / "run").history
     stored = history["kinetic"] + history["elastic"] + history["dissipated"]
-    assert (stored - history["work"]).abs().max() < 1e-5 * history["work"].abs().max()
+    assert (stored - history["work"]).abs().max() < 2e-6 * history["work"].abs().max()
 
 
 def test_a_sweep_in_time_runs_every_point(tmp_path):
