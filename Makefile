@@ -42,7 +42,7 @@ run: setup
 	@$(BIN)/ffsi report $(STUDY) -o $(STUDY)/report.html
 
 test: setup test-system
-	@$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder tests/freefem tests/unit
+	@$(BIN)/python -m pytest -n 2 --dist loadfile tests/unit tests/freefem
 
 verify: setup
 	@$(BIN)/python -m studies verify --out results --readme docs/results.md
