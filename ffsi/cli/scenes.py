@@ -15,6 +15,7 @@ import typer
 
 from ffsi.cli import show as printed
 from ffsi.cli.arguments import AsJson, Case, Settings, check_output
+from ffsi.cli.plain import Words, new_rich_table, stdout
 from ffsi.files import catalogue, folder, machine
 from ffsi.files.errors import InputError
 from ffsi.text import listed, nearest, printable
@@ -92,12 +93,12 @@ def _print_keys(found: Sequence[Key], *, values: bool) -> None:
         heads = ["key", "unit", *(["value"] if values else []), "default", "accepted", "meaning"]
         table = _table(only or None, *heads)
         for item in group:
-            table.add_row(*(printed.plain(getattr(item, name)) for name in heads))
-        printed.stdout().print(table)
+            table.add_row(*(Words(getattr(item, name)) for name in heads))
+        stdout().print(table)
 
 
 def _table(title: str | None, *names: str) -> Table:
-    table = printed.new_table(title=title, title_justify="left", header_style=None, padding=(0, 2, 0, 0))
+    table = new_rich_table(title=title, title_justify="left", header_style=None, padding=(0, 2, 0, 0))
     for name in names:
         table.add_column(name, overflow="fold", min_width=len(name))
     return table
@@ -155,8 +156,8 @@ def _print_scene(scene: Scene) -> None:
     from ffsi.result.numbers import inlet_words, numbers
     from ffsi.result.resolution import of_scene
 
-    console, domain = printed.stdout(), intended(scene)
-    console.print(printed.plain(printable(scene.heading), style="bold"), soft_wrap=True)
+    console, domain = stdout(), intended(scene)
+    console.print(Words(printable(scene.heading), style="bold"), soft_wrap=True)
     console.print()
     regions = _table(None, "region", "area", "what is there")
     for name, area in domain["regions"].items():
@@ -164,19 +165,19 @@ def _print_scene(scene: Scene) -> None:
         what = printed.material_line(name, solid).partition(": ")[2] if solid else ""
         density = solid.density if solid else scene.fluid.density if scene.fluid else 0.0
         what = what or (scene.fluid.law if scene.fluid else "")
-        regions.add_row(*map(printed.plain, (name, f"{area:.6g} m²", f"{what}, density {density:g} kg/m³")))
+        regions.add_row(*map(Words, (name, f"{area:.6g} m²", f"{what}, density {density:g} kg/m³")))
     console.print(regions)
     console.print()
     sides = _table(None, "boundary", "role", "length", "condition")
     for name, side in domain["boundaries"].items():
         inlet = scene.inlet.get(name)
         condition = PRESSED if inlet is not None and inlet.pressure is not None else CONDITIONS[side["role"]]
-        sides.add_row(*map(printed.plain, (name, side["role"], f"{side['length']:.6g} m", condition)))
+        sides.add_row(*map(Words, (name, side["role"], f"{side['length']:.6g} m", condition)))
     console.print(sides)
     console.print()
     rows = _table(None, "number", "value", "how it is formed")
     for number in numbers(scene):
-        rows.add_row(*map(printed.plain, (number.name, f"{number.value:.4g}", number.formula)))
+        rows.add_row(*map(Words, (number.name, f"{number.value:.4g}", number.formula)))
     if rows.row_count:
         console.print(rows)
         console.print()
@@ -188,7 +189,7 @@ def _print_scene(scene: Scene) -> None:
         step, end = scene.time.step, scene.time.end
         lines.append(f"time: steps of {step:g} s{' at most' if scene.time.adaptive else ''} to t = {end:g} s")
     for line in [*lines, *(f"warning: {warning}" for warning in of_scene(scene))]:
-        console.print(printed.plain(printable(line)), soft_wrap=True)
+        console.print(Words(printable(line)), soft_wrap=True)
 
 
 def _print_mesh(scene: Scene, found: Meshed) -> None:
@@ -199,7 +200,7 @@ def _print_mesh(scene: Scene, found: Meshed) -> None:
     lengths = np.linalg.norm(sides - np.roll(sides, 1, axis=1), axis=2)
     where = f"x {low[0]:.5g} to {high[0]:.5g} m, y {low[1]:.5g} to {high[1]:.5g} m"
     text = f"{len(sides)} triangles, {found.unknowns} unknowns, edges from {lengths.min():.3g} to {lengths.max():.3g} m"
-    printed.stdout().print(printed.plain(f"mesh: level {scene.mesh.level}, {text}; {where}"), soft_wrap=True)
+    stdout().print(Words(f"mesh: level {scene.mesh.level}, {text}; {where}"), soft_wrap=True)
 
 
 def _option(name: str, words: str, metavar: str | None = None) -> Any:
@@ -271,7 +272,7 @@ def _ask(answers: Any) -> None:
     if answers.geometry is None:
         kinds = _table(None, "domain", "what it is")
         for kind, what in drafts.kinds().items():
-            kinds.add_row(printed.plain(kind), printed.plain(what))
+            kinds.add_row(Words(kind), Words(what))
         _stderr().print(kinds)
     ask("geometry", "Which domain?", drafts.FIRST, check=drafts.choices)
     if answers.geometry == drafts.MESH:

@@ -13,13 +13,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ffsi.cli.plain import Table, Words, new_rich_table, stdout
 from ffsi.text import cut, printable
 
 if TYPE_CHECKING:  # what reads results takes half a second to load
     import pandas as pd
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
 
     from ffsi.cli.progress import ProgressDisplay
     from ffsi.hemodynamics.result import Result
@@ -32,31 +30,9 @@ if TYPE_CHECKING:  # what reads results takes half a second to load
 MINOR = ("_surface", "_x", "_y", "drag_cylinder", "lift_cylinder", "drag_beam", "lift_beam")
 
 
-def stdout() -> Console:
-    """Return where results are printed."""
-    from rich.console import Console
-
-    console = Console(highlight=False)
-    return console if console.is_terminal else Console(highlight=False, width=160)  # a file has no narrow lines
-
-
-def plain(words: str, style: str = "", **options: Any) -> Text:
-    """Return words without markup."""
-    from rich.text import Text
-
-    return Text(words, style=style, **options)
-
-
-def text(value: object, style: str = "") -> Text:
+def text(value: object, style: str = "") -> Words:
     """Return what a file or a person has named, fit for a table: no markup, no control characters."""
-    return plain(cut(value), style)
-
-
-def new_table(**options: Any) -> Table:
-    """Return a table without lines."""
-    from rich.table import Table
-
-    return Table(**{"box": None, "pad_edge": False, "header_style": "bold", **options})
+    return Words(cut(value), style)
 
 
 def _lines(message: str) -> str:
@@ -120,11 +96,11 @@ def progress(case: str = "", points: int | None = None) -> ProgressDisplay:
 
 def cases(entries: Sequence[Mapping[str, Any]]) -> None:
     """Print the catalogue."""
-    table = new_table()
+    table = Table()
     for column in ("case", "physics", "description"):
         table.add_column(column, no_wrap=column != "description")
     for entry in entries:
-        table.add_row(plain(entry["name"]), plain(entry["physics"]), plain(entry["description"]))
+        table.add_row(*map(Words, (entry["name"], entry["physics"], entry["description"])))
     stdout().print(table)
 
 
@@ -133,7 +109,7 @@ def domain(scene: Scene) -> None:
     from ffsi.result.domain import intended, words
 
     for line in words(intended(scene)):
-        stdout().print(plain(line), soft_wrap=True)
+        stdout().print(Words(line), soft_wrap=True)
 
 
 def result(done: Result) -> None:
@@ -154,15 +130,15 @@ def result(done: Result) -> None:
     if "adaptation" in data:
         console.print(adaptation(data["adaptation"]["rounds"]))
     for line in summary(done):
-        console.print(plain(printable(line)), soft_wrap=True)
+        console.print(Words(printable(line)), soft_wrap=True)
 
 
 def adaptation(rounds: Sequence[Mapping[str, Any]]) -> Table:
     """Return the table of the meshes that were made for quantities: unknowns, values with their bars."""
-    table = new_table()
+    table = Table()
     names = list(rounds[0]["quantities"])
     for name in ("unknowns", *names):
-        table.add_column(text(name), justify="right")
+        table.add_column(text(name), right=True)
     for step in rounds:
         found = [step["quantities"][name] for name in names]
         cells = [with_bar(each["value"], each["bar"]) if each.get("bar") else f"{each['value']:.7g}" for each in found]
@@ -179,13 +155,13 @@ def quantities(
     """Return the table of (flattened) quantities, with error bars, published values and differences from them."""
     from ffsi.result.quantities import error_bar, published_value, unit
 
-    table = new_table()
+    table = Table()
     table.add_column(text(heading))
-    table.add_column("value", justify="right")
+    table.add_column("value", right=True)
     table.add_column("unit")
     if published:
-        table.add_column("published", justify="right")
-        table.add_column("from published", justify="right")
+        table.add_column("published", right=True)
+        table.add_column("from published", right=True)
     for name, value in values.items():
         if name.endswith(MINOR) and name not in published:
             continue
@@ -262,49 +238,49 @@ def sweep(table: pd.DataFrame, keys: Sequence[str], out: Path) -> None:
     console = stdout()
     endings = ("", "_mean", "_amplitude", "_frequency")
     names = [name + ending for name in in_table("sweep") for ending in endings if name + ending in table]
-    shown = new_table()
+    shown = Table()
     for name in [*keys, "status", *names, "check_maximum", "seconds"]:
-        shown.add_column(text(name), justify="left" if name == "status" else "right")
+        shown.add_column(text(name), right=name != "status")
     for _, line in table.head(_ROWS).iterrows():
         good = line["status"] == "converged" and line["checked"]
         word = line["status"] if good or line["status"] == "failed" else f"{line['status']}, not checked"
-        cells: list[str | Text] = [text("-" if pd.isna(line[key]) else shown_value(line[key])) for key in keys]
+        cells: list[str] = [text("-" if pd.isna(line[key]) else shown_value(line[key])) for key in keys]
         cells.append(text(word, "green" if good else "red"))
         cells += [_cell(line[name], "{:.6g}") for name in names]
         shown.add_row(*cells, _cell(line["check_maximum"], "{:.1e}"), _cell(line["seconds"], "{:.1f}"))
     console.print(shown)
     if len(table) > _ROWS:
         console.print(f"and {len(table) - _ROWS} more in {out / TABLE}")
-    console.print(plain(tally(table)[0]), soft_wrap=True)
-    console.print(plain(printable(f"files: {out}")), soft_wrap=True)
+    console.print(Words(tally(table)[0]), soft_wrap=True)
+    console.print(Words(printable(f"files: {out}")), soft_wrap=True)
     for warning, count in table["warnings"].fillna("").value_counts().items():
         if warning:
-            console.print(plain(f"warning at {count} of {len(table)} points: {warning}"), soft_wrap=True)
+            console.print(Words(f"warning at {count} of {len(table)} points: {warning}"), soft_wrap=True)
 
 
 def levels(table: pd.DataFrame, out: Path) -> None:
     """Print the quantities on several meshes, what they tend to, and the error bar of the finest."""
     from ffsi.result.quantities import unit
 
-    shown = new_table()
+    shown = Table()
     for name in ("quantity", "unit", *table.columns):
-        shown.add_column(text(name), justify="left" if name in ("quantity", "unit") else "right")
+        shown.add_column(text(name), right=name not in ("quantity", "unit"))
     for name, line in table.iterrows():
         if not str(name).endswith(MINOR):
             cells = [_cell(line[each], "{:.2g}" if each in ("order", "error") else "{:.7g}") for each in table.columns]
             shown.add_row(text(str(name)), text(unit(str(name))), *cells)
     console = stdout()
     console.print(shown)
-    console.print(plain(printable(f"files: {out}")), soft_wrap=True)
+    console.print(Words(printable(f"files: {out}")), soft_wrap=True)
 
 
 def checks(reports: Sequence[tuple[Result, CheckReport]]) -> None:
     """Print the numbers of the checker, one column per point."""
     rows = check_rows(reports)
-    table = new_table()
+    table = Table()
     table.add_column("relative residual or difference")
     for line in rows:
-        table.add_column(f"point {line['point']}", justify="right")
+        table.add_column(f"point {line['point']}", right=True)
     for name in list(rows[0])[3:]:
         if any(line[name] is not None for line in rows):
             table.add_row(name.replace("_", " "), *(_cell(line[name], "{:.1e}") for line in rows))
@@ -316,9 +292,9 @@ def sensitivities(slopes: pd.DataFrame, logarithmic: pd.DataFrame) -> None:
     """Print derivatives: one line per quantity and parameter, the largest logarithmic one first."""
     from ffsi.result.quantities import unit
 
-    table = new_table()
+    table = Table()
     for column in ("quantity", "by", "dJ/dp (SI)", "p/J dJ/dp"):
-        table.add_column(column, justify="right" if "dJ" in column else "left")
+        table.add_column(column, right="dJ" in column)
     for name in map(str, slopes):
         for key in logarithmic[name].abs().sort_values(ascending=False).index:
             cells = [f"{name} ({unit(name)})", key, f"{slopes[name][key]:.6g}"]
@@ -347,11 +323,11 @@ def doctor() -> bool:
 
     found = diagnose()
     style = {"ok": "green", "warn": "yellow", "fail": "bold red"}
-    table = new_table(show_header=False)
+    table = new_rich_table(show_header=False)
     for item in found:
         advice = f"\n{item.advice}" if item.advice and item.status != "ok" else ""
         table.add_row(
-            plain(item.status, style=style[item.status]), plain(item.name), plain(item.detail + advice, overflow="fold")
+            Words(item.status, style=style[item.status]), Words(item.name), Words(item.detail + advice, overflow="fold")
         )
     stdout().print(table)
     return healthy(found)

@@ -25,6 +25,11 @@ _INT = np.dtype("<i8")
 _FLOAT = np.dtype("<f8")
 
 
+def distinct(numbers: Ints) -> Ints:
+    """Return the numbers that occur, sorted: `np.unique`, which for them alone loads numpy.ma."""
+    return np.unique(numbers, return_index=True)[0]
+
+
 class RawFileError(InputError):
     """A binary file is truncated or does not hold what docs/formats.md says."""
 
@@ -63,7 +68,7 @@ class RawMesh:
         # Before anything of the size that a number names is made.
         if not 0 <= self.p2.min() <= self.p2.max() < self.p2.size:
             raise RawFileError(f"mesh: a P2 node outside 0..{self.p2.size - 1}")
-        if not np.array_equal(np.unique(self.p2), np.arange(self.p2.max() + 1)):
+        if not np.bincount(self.p2.ravel()).all():
             raise RawFileError("mesh: the P2 node numbers are not 0, 1, 2, ... without a gap")
 
     @property

@@ -65,9 +65,10 @@ def _force(system: System, fluid: FluidPart, state: RawState, residual: Residual
     rest = sides.select(touching & ~on_part)
     phi_rest = phi[rest.nodes] @ line_basis(gauss_rule()[0])[0].T
     forces = side_forces(rest, _balanced_stress(system, fluid, rest, state))
-    slides = np.isin(rest.label, system.problem.labels("slip"))
-    normal = rest.normal[slides] / np.hypot(*rest.normal[slides].T)[:, None]
-    forces[slides] = np.einsum("nqi,ni,nj->nqj", forces[slides], normal, normal)
+    if slip := system.problem.labels("slip"):
+        slides = np.isin(rest.label, slip)
+        normal = rest.normal[slides] / np.hypot(*rest.normal[slides].T)[:, None]
+        forces[slides] = np.einsum("nqi,ni,nj->nqj", forces[slides], normal, normal)
     carried = np.einsum("nqi,nq->i", forces, phi_rest)
     new = side_flow(fluid, part, state)
     stress = new.pressure_flux + new.viscous_flux(fluid.law.viscosity)

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ffsi.files.arrays import Floats, RawState
+from ffsi.files.arrays import Floats, RawState, distinct
 from ffsi.reference import momentum, terms
 from ffsi.reference.elements import Elements
 from ffsi.reference.forces import Forces, coefficient_scale
@@ -124,7 +124,7 @@ def _pressures(system: System, state: RawState) -> dict[str, Quantity]:
             found[f"pressure_at_{name}"] = Quantity.of(_mean_pressure(system, state, [boundary.label]), size, _OF_SUMS)
         if boundary.name == "cylinder" and boundary.circle is not None:
             x, y, radius = boundary.circle
-            wet = np.unique(system.mesh.edges[system.mesh.label == boundary.label])
+            wet = distinct(system.mesh.edges[system.mesh.label == boundary.label])
             off = [system.mesh.vertices[wet] - [x + side * radius, y] for side in (-1.0, 1.0)]
             ends = [wet[np.hypot(*each.T) <= _ON_CIRCLE * radius] for each in off]
             if all(len(end) for end in ends):  # what is fixed to the cylinder covers its back

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ffsi.files.arrays import Floats, Ints, RawState
+from ffsi.files.arrays import Floats, Ints, RawState, distinct
 from ffsi.reference import momentum, terms
 from ffsi.reference.conditions import Outlet
 from ffsi.reference.elements import scatter
@@ -261,7 +261,7 @@ def _incompressibility(system: System, state: RawState) -> Equation:
 def _kinematics(system: System, state: RawState) -> float | None:
     if not system.solids or (system.fluid is None and system.increment is None):
         return None
-    nodes = np.unique(np.concatenate([solid.elements.nodes.ravel() for solid in system.solids.values()]))
+    nodes = distinct(np.concatenate([solid.elements.nodes.ravel() for solid in system.solids.values()]))
     scale = float(np.hypot(*state.v.T).max())
     if system.fluid is not None:
         scale += largest(idle(system, system.fluid, state)[0])

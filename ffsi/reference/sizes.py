@@ -5,7 +5,7 @@ Every size follows from the problem and the state, in their units.
 
 import numpy as np
 
-from ffsi.files.arrays import Floats, RawState
+from ffsi.files.arrays import Floats, RawState, distinct
 from ffsi.reference import momentum
 from ffsi.reference.elements import Elements, scatter
 from ffsi.reference.relative import largest
@@ -34,7 +34,7 @@ def idle(system: System, fluid: FluidPart, state: RawState) -> tuple[Floats, Flo
     if prescribed > _PASSING * abs(system.problem.mean_velocity or 0.0):
         return np.zeros(len(elements)), np.zeros(len(elements))
     width = np.sqrt(elements.area)
-    wet = state.p[np.unique(elements.vertices)]
+    wet = state.p[distinct(elements.vertices)]
     loads = [float((_solid(solid, state) / np.sqrt(solid.elements.area)).max()) for solid in system.solids.values()]
     pressure = ROUNDING * (float(np.abs(wet).max()) + sum(loads))
     resistance = _viscosity(fluid, state)
@@ -59,7 +59,7 @@ def travelled(system: System, *, terms: bool = False) -> list[float]:
     values = [[0.0, 0.0]]
     for b in system.problem.boundaries:
         if increment is not None and b.displacement and b.motion:
-            points = mesh.p2_coordinates[np.unique(mesh.edge_nodes[mesh.label == b.label])]
+            points = mesh.p2_coordinates[distinct(mesh.edge_nodes[mesh.label == b.label])]
             end = max(increment.step.time, b.sampled if terms else 0.0)
             for t in np.linspace(0.0, end, 33).tolist():
                 values.append([float(np.abs(of(points, t)).max()) for of in (b.displacement, b.motion)])

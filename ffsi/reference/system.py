@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ffsi.files.arrays import Floats, Ints, RawMesh, RawState
+from ffsi.files.arrays import Floats, Ints, RawMesh, RawState, distinct
 from ffsi.reference.conditions import Inflow, Load, Outlet
 from ffsi.reference.curves import off_chords
 from ffsi.reference.elements import Elements, gauss_rule, p2_basis
@@ -128,7 +128,7 @@ class System:
         Raises ``ValueError`` if regions or labels of the mesh do not fit the problem or a triangle is degenerate.
         """
         regions = ({FLUID_REGION} if problem.fluid else set()) | set(problem.solids)
-        if (found := set(np.unique(mesh.region).tolist())) != regions:
+        if (found := set(distinct(mesh.region).tolist())) != regions:
             raise ValueError(f"{problem.name}: the mesh has the regions {sorted(found)}, expected {sorted(regions)}")
         _check_labels(problem, mesh)
         fluid = None
@@ -165,20 +165,22 @@ def _check_labels(problem: Problem, mesh: RawMesh) -> None:
     """Refuse a mesh whose outer boundary or interface is not covered by the problem's labels."""
     keys, count = np.unique(mesh.sides, return_counts=True)
     known = np.isin(mesh.label, [boundary.label for boundary in problem.boundaries])
-    bare = np.setdiff1d(keys[count == 1], mesh.edge_keys[known])
-    if bare.size:
+    bare = [*set(keys[count == 1].tolist()).difference(mesh.edge_keys[known].tolist())]
+    if bare:
         labels = np.unique(mesh.label[np.isin(mesh.edge_keys, bare)]).tolist()
         raise ValueError(
-            f"{problem.name}: {bare.size} edges of the outer boundary have no boundary of the problem, labels {labels}"
+            f"{problem.name}: {len(bare)} edges of the outer boundary have no boundary of the problem, labels {labels}"
         )
     missing = {boundary.label for boundary in problem.boundaries} - set(mesh.label.tolist())
     if missing:
         raise ValueError(f"{problem.name}: no edge of the mesh has the label {sorted(missing)}")
     inside = mesh.region == FLUID_REGION
-    wet = np.intersect1d(mesh.sides[inside], mesh.sides[~inside])
+    keys, count = np.unique(
+        np.concatenate([distinct(mesh.sides[each]) for each in (inside, ~inside)]), return_counts=True
+    )
     interface = mesh.edge_keys[np.isin(mesh.label, problem.labels("interface"))]
-    if (bare := np.setdiff1d(wet, interface)).size:
-        raise ValueError(f"{problem.name}: {bare.size} edges between fluid and solid are no interface of the problem")
+    if dry := set(keys[count == 2].tolist()).difference(interface.tolist()):
+        raise ValueError(f"{problem.name}: {len(dry)} edges between fluid and solid are no interface of the problem")
 
 
 def _mesh_stiffness(motion: MeshMotion, problem: Problem, mesh: RawMesh, elements: Elements) -> Floats:
@@ -288,7 +290,7 @@ def _conditions(
             v[nodes] = 0.0
         if boundary.role == "inlet" and (inflow := boundary.inflow or problem.inflow) is not None:
             walls = [b.label for b in problem.boundaries if b.role in ("no-slip", "clamped") and b.motion is None]
-            resting = np.isin(nodes, mesh.edge_nodes[np.isin(mesh.label, walls)]) | in_solid[nodes]
+            resting = np.isin(nodes, mesh.edge_nodes[np.isin(mesh.label, walls)], kind="table") | in_solid[nodes]
             v[nodes] = _entering(inflow, mesh.p2_coordinates[nodes], resting, time or 0.0)
         if boundary.role == "no-slip" and boundary.circle is not None:
             if not problem.chords:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ffsi.files.arrays import RawMesh
+from ffsi.files.arrays import RawMesh, distinct
 from ffsi.result.fields import FLUID
 from ffsi.scene import Scene, boundaries
 from ffsi.scene.boundaries import Role
@@ -46,7 +46,7 @@ def meshed(scene: Scene, mesh: RawMesh) -> dict[str, Any]:
     regions = {name: float(areas[mesh.region == number].sum()) for number, name in numbered}
     ends = mesh.vertices[mesh.edges]
     lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
-    by_label = {label: float(lengths[mesh.label == label].sum()) for label in np.unique(mesh.label).tolist()}
+    by_label = {label: float(lengths[mesh.label == label].sum()) for label in distinct(mesh.label).tolist()}
     return {"regions": regions, "boundaries": _by_name(scene, by_label)}
 
 

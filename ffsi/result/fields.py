@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ffsi.files.arrays import Floats, Ints, RawMesh, RawState
+from ffsi.files.arrays import Floats, Ints, RawMesh, RawState, distinct
 from ffsi.result.locating import Finder
 
 FLUID = 1  # region number of the fluid; the solids are 2, 3, ...
@@ -134,7 +134,7 @@ def _solid_pressure(mesh: RawMesh, state: RawState, mixed_regions: Sequence[int]
     values = np.zeros(len(state.u))
     for region, pressure in zip(mixed_regions, state.ps, strict=True):
         inside = mesh.region == region
-        nodes = np.unique(cells[inside])
+        nodes = distinct(cells[inside])
         values[nodes] = _at_nodes(pressure, mesh.triangles[inside], cells[inside], len(values))[nodes]
     return values
 

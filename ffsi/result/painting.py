@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageColor, ImageDraw, ImageFont
 
-from ffsi.files.arrays import Floats, Ints
+from ffsi.files.arrays import Floats, Ints, distinct
 from ffsi.result import views
 from ffsi.result.fields import FLUID, Fields
 
@@ -48,7 +48,7 @@ def paint(name: str, fields: Fields, title: str = "") -> bytes:
     views.refuse(name, fields)
     sheet, wet = _Sheet(views.window_of(name, fields), title), fields.region == FLUID
     if name == "pressure":
-        levels, palette = views.pressure_levels(fields.pressure[np.unique(fields.cells[wet])])
+        levels, palette = views.pressure_levels(fields.pressure[distinct(fields.cells[wet])])
         colours = _colours(palette, len(levels) + 1)
         sheet.contours(fields, wet, fields.pressure, levels, colours)
         sheet.bar(colours, levels[0], levels[-1], views.every_other(levels), views.LABELS[name], extended=True)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import html
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -363,6 +362,8 @@ class PlainResult:
         return "\n".join([heading, *([f"  {name}:"] if name else []), *rows, f"  in {self.directory}"])
 
     def _repr_html_(self) -> str:
+        import html
+
         rows = "".join(
             f"<tr><th>{html.escape(key)}</th><td>{value:.6g}</td><td>{html.escape(unit(key))}</td></tr>"
             for key, value in self.shown_quantities[1].items()
@@ -373,6 +374,8 @@ class PlainResult:
         return f"{heading}{remarks}<table>{rows}</table>{self._picture_html()}"
 
     def _picture_html(self) -> str:
+        import html
+
         from ffsi.result import painting, views
 
         if self.state_file is None:

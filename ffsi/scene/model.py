@@ -2,7 +2,6 @@
 
 import re
 from collections.abc import Callable, Iterator, Mapping
-from html import escape
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -447,6 +446,8 @@ class Scene(Table):
     __str__ = __repr__
 
     def _repr_html_(self) -> str:
+        from html import escape
+
         left = 'style="text-align:left"'
         rows = (
             f"<tr><th {left}>{escape(name)}</th><td {left}>{escape(values)}</td></tr>"

@@ -5,10 +5,12 @@ import re
 from pathlib import Path
 
 import pytest
+from rich.console import Console
 from run_folders import make_run
 
 from ffsi.cli import show
 from ffsi.cli.main import main
+from ffsi.cli.plain import Table, Words
 from ffsi.scene import CASES
 from studies.__main__ import main as studies
 
@@ -150,6 +152,15 @@ def test_check_reads_what_is_there(capsys, check):
     assert code == 1
     assert json.loads(out)["passed"] is False and json.loads(out)["points"][0]["momentum"] == 1e-3
     assert "r, point 1: momentum: the relative residual" in err
+
+
+def test_a_table_says_the_same_in_a_file_as_on_a_terminal(capsys):
+    table = Table()
+    table.add_column("quantity [1]")
+    table.add_column("value", right=True)
+    table.add_row(Words("drag [bold]", "red"), "14.3")
+    Console(width=80).print(table)
+    assert [line.rstrip() for line in capsys.readouterr().out.splitlines()] == str(table).splitlines()
 
 
 def test_reports_cases_and_folders_that_are_not_there(capsys):
