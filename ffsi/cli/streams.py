@@ -30,8 +30,15 @@ class Guarded:
         """Flush, or keep the failure."""
         self._try(self._stream.flush)
 
+    def isatty(self) -> bool:
+        """Return whether it is a terminal; what is closed or cannot say is none."""
+        try:
+            return bool(self._stream.isatty())
+        except (AttributeError, ValueError):
+            return False
+
     def __getattr__(self, name: str) -> Any:
-        """Everything else is that of the stream: whether it is a terminal, its encoding, its file."""
+        """Everything else is that of the stream: its encoding, its file."""
         return getattr(self._stream, name)
 
     @property
